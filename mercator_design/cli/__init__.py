@@ -26,9 +26,11 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
         "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True
     ),
     "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
+    "plot": LazyVerb("mercator_design.cli.views.plot", "Plot trajectories, presence, states, distances and score."),
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
     "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write its trace."),
     "report": LazyVerb("mercator_design.cli.races.report", "Write the report of a race as a page."),
+    "replay": LazyVerb("mercator_design.cli.views.replay", "Show an experiment as a page, film or picture."),
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),

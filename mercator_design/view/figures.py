@@ -12,7 +12,12 @@ from matplotlib.figure import Figure
 from mercator_design.system.files import write_bytes
 
 _DPI = 160  # of a PNG
-_NO_METADATA = {".png": {"Software": None}, ".svg": {"Date": None, "Creator": None}}
+FORMATS = (".png", ".svg", ".pdf")
+_NO_METADATA = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
 _STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
@@ -32,7 +37,7 @@ def house_style() -> Iterator[None]:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write a figure; the suffix .png or .svg of the path is the format.
+    """Write a figure; the suffix of the path, of FORMATS, is the format.
 
     Raises:
         OSError: The picture cannot be written.

@@ -16,6 +16,7 @@ from mercator_design.missions.arena import Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
+from mercator_design.view.experiment import ShownExperiment
 
 PIXELS = 800
 """Of the floor, along its longer side."""
@@ -38,6 +39,15 @@ def extent(mission: Mission) -> tuple[Floats, Floats]:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.05 * float((high - low).max())
     return low - margin, high + margin
+
+
+def limits(shown: ShownExperiment) -> tuple[Floats, Floats]:
+    """The lower left and upper right corner of what is shown."""
+    if shown.mission is not None:
+        return extent(shown.mission)
+    places = shown.trace.poses[..., :2].reshape(-1, 2)
+    margin = 2.0 * shown.robot_model.body.corner
+    return places.min(axis=0) - margin, places.max(axis=0) + margin
 
 
 def arena_grid(mission: Mission, along: int) -> Floats:

@@ -1,0 +1,53 @@
+"""mdesign plot: figures of experiments."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.views.sources import shows_experiments
+from mercator_design.command import print_result
+from mercator_design.errors import printable
+from mercator_design.system.files import writing
+from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.figures import FORMATS
+from mercator_design.view.plots import KINDS, save_plots
+
+
+@click.command(short_help="Plot trajectories, presence, states, distances and score.")
+@shows_experiments
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("plot.png"),
+    show_default=True,
+    help=f"The figure; its suffix, {', '.join(FORMATS)}, is the format.",
+)
+@click.option(
+    "-k",
+    "--kind",
+    "kinds",
+    multiple=True,
+    type=click.Choice([*KINDS]),
+    help="What to plot. May be repeated.  [default: all]",
+)
+def plot(shown: list[ShownExperiment], output: Path, kinds: tuple[str, ...]) -> None:
+    """Plot experiments: a row for each kind of plot, and a column for each experiment.
+
+    The sources are those of `mdesign replay`.
+
+    \b
+    trajectories  paths of the robots, in the colours of their states
+    presence      how long robots were where
+    states        state of each robot over time
+    distances     distances between robots over time
+    score         score so far over time
+    """  # noqa: D301 - click reads the control character
+    if output.suffix.lower() not in FORMATS:
+        found = f"expected a name that ends in {', '.join(FORMATS)}, found '{output.name}'"
+        raise click.BadParameter(found, param_hint="-o")
+    with writing(output):
+        save_plots(output, shown, kinds or [*KINDS], caption=shlex.join(["mdesign", *sys.argv[1:]]))
+    print_result(printable(str(output)))

@@ -1,0 +1,82 @@
+"""mdesign replay: an experiment to look at."""
+
+import shlex
+import sys
+import webbrowser
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.views.sources import shows_experiments
+from mercator_design.command import OUTPUT_FILE, print_message, print_result
+from mercator_design.errors import printable
+from mercator_design.report.progress import Display
+from mercator_design.system.files import write_text, writing
+from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.film import FORMATS, Film, save_still
+from mercator_design.view.page import replay_page
+from mercator_design.view.replay import replay_of
+
+
+class FilmFile(click.Path):
+    """The file of a film; its suffix is the format."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        path = Path(str(super().convert(str(value), param, ctx)))
+        if path.suffix.lower() not in FORMATS:
+            self.fail(f"expected a name that ends in {' or '.join(FORMATS)}, found '{path.name}'", param, ctx)
+        return path
+
+
+@click.command(short_help="Show an experiment as a page, film or picture.")
+@shows_experiments
+@click.option(
+    "-o",
+    "--output",
+    type=OUTPUT_FILE,
+    help="The page, or with --png the picture.  [default: replay.html; with --png replay.png]",
+)
+@click.option("--open", "is_opened", is_flag=True, help="Open the page in a browser.")
+@click.option(
+    "--video", type=FilmFile(dir_okay=False), metavar="FILE.mp4|FILE.gif", help="Write a film instead of the page."
+)
+@click.option("--speed", type=click.FloatRange(0.1, 64.0), default=4.0, show_default=True, help="Speed of the film.")
+@click.option(
+    "--png", "at", type=click.FloatRange(0.0), metavar="SECONDS", help="Write a picture of this time instead."
+)
+def replay(
+    shown: list[ShownExperiment],
+    output: Path | None,
+    is_opened: bool,
+    video: Path | None,
+    speed: float,
+    at: float | None,
+) -> None:
+    """Show an experiment: a page that plays it, a film or a picture.
+
+    FSM runs now, on the instance of --seed. TRACE is a .npz or .csv file of `mdesign record`, or of a tracking camera:
+    the columns time, robot, x, y, heading and, if known, state. LOG is what `mercator-robot run` wrote; several robots
+    of one experiment are shown together, at the poses of their odometry.
+
+    The page is one file that plays without a network, in any browser.
+    """
+    if video is not None and at is not None:
+        raise click.UsageError("expected --video or --png, not both")
+    command = shlex.join(["mdesign", *sys.argv[1:]])
+    score = "; ".join(f"{one.title}: score {one.score:g}" for one in shown if one.score is not None)
+    if at is not None:
+        path = output or Path("replay.png")
+        with writing(path):
+            save_still(path, shown, at, caption=command)
+    elif video is not None:
+        path = video
+        film = Film(shown, path, speed=speed, caption=command)
+        with writing(path), Display(f"{path.name}: frames", len(film.times)) as display:
+            film.write(display.show)
+    else:
+        path = output or Path("replay.html")
+        with writing(path):
+            write_text(path, replay_page([replay_of(one) for one in shown], title=shown[0].title))
+    print_result(printable(f"{path}: {score}" if score else str(path)))
+    if is_opened and at is None and video is None and not webbrowser.open(path.absolute().as_uri()):
+        print_message(f"No browser was found; open {path} in one.")

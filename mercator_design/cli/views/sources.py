@@ -1,0 +1,127 @@
+"""What `replay` and `plot` show: an experiment that is simulated now, a trace, or the logs of robots."""
+
+import functools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, read_controller, warn
+from mercator_design.missions.mission import load_mission
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
+from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.recorded import TABLES, Pose, is_log, read_logs, read_trace
+
+_ROBOT_MODEL = "mercator"  # of logs without a mission
+
+
+class StartingPose(click.ParamType):  # type: ignore[type-arg]  # has no argument in click before 8.2
+    """Where a robot began: X,Y,HEADING in metres and degrees."""
+
+    name = "X,Y,DEGREES"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Pose:  # noqa: ANN401
+        try:
+            x, y, degrees = (float(number) for number in str(value).split(","))
+        except ValueError:
+            x = y = degrees = math.nan
+        if not all(map(math.isfinite, (x, y, degrees))):
+            self.fail(f"expected X,Y,DEGREES such as 0.5,-1,90, found '{value}'", param, ctx)
+        return x, y, math.radians(degrees)
+
+
+def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the options that say what to show; it is called with `shown`, a list of experiments."""
+
+    @functools.wraps(verb)
+    def with_experiments(
+        sources: tuple[Path, ...],
+        compare: tuple[Path, ...],
+        fsm: Path | None,
+        starts: tuple[Pose, ...],
+        mission: str | None,
+        seed: int,
+        robot_model: str | None,
+        flavour: str | None,
+        lenient: bool,
+        overrides: tuple[str, ...],
+        **others: Any,  # noqa: ANN401 - the verb's
+    ) -> None:
+        given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
+        read = functools.partial(read_controller, flavour=flavour, lenient=lenient)
+        first = sources[0]
+        if first.suffix.lower() not in TABLES and not is_log(first):
+            if len(sources) > 1:
+                raise click.UsageError(f"expected one FSM, found {len(sources)} files; to compare, give --compare")
+            verb(shown=_simulated([first, *compare], read, given, seed), **others)
+            return
+        if compare:
+            raise click.UsageError("--compare runs another FSM on the same instance: expected an FSM as the first file")
+        simulator = None if mission is None else new_simulator(load_mission(mission, overrides), robot_model)
+        if simulator is not None:
+            simulator.rehearse(announce=print_message)
+        if first.suffix.lower() in TABLES:
+            if simulator is None or len(sources) > 1:
+                raise click.UsageError("expected one trace, with --mission, which says where it took place")
+            pfsm = None if fsm is None else read(fsm).pfsm
+            verb(shown=[read_trace(first, simulator, seed, pfsm)], **others)
+            return
+        model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
+        logs = read_logs(
+            sources, model, simulator=simulator, seed=seed, starts=starts, warn=lambda message: warn([message])
+        )
+        verb(shown=[logs], **others)
+
+    options = (
+        click.argument("sources", nargs=-1, required=True, type=FILE, metavar="FSM|TRACE|LOG..."),
+        click.option(
+            "--compare",
+            multiple=True,
+            type=FILE,
+            metavar="FSM",
+            help="Show another controller on the same instance, too. May be repeated.",
+        ),
+        click.option("--fsm", type=FILE, help="The controller of a TRACE, to name its states."),
+        click.option(
+            "--start",
+            "starts",
+            multiple=True,
+            type=StartingPose(),
+            help="Where the robot of a LOG began; once for each LOG.  [default: poses of the mission's instance]",
+        ),
+        click.option(
+            "--mission",
+            help="YAML file or name of a shipped mission.  [default: the mission in FSM's header; none for logs]",
+        ),
+        seed_of("Seed of the instance: one of the `seeds` that evaluate --json lists."),
+        ROBOT_MODEL,
+        FLAVOUR,
+        LENIENT,
+        SET,
+        PLUGIN,
+    )
+    for option in reversed(options):
+        with_experiments = option(with_experiments)
+    return with_experiments
+
+
+def _simulated(files: list[Path], read: Callable[[Path], Any], given: Given, seed: int) -> list[ShownExperiment]:
+    """Run controllers on one instance: the mission of the first is that of all."""
+    controllers = [read(file) for file in files]
+    simulator = simulator_of(files[0], controllers[0], given)
+    warn_of_mission(simulator, refuse=False)
+    for controller in controllers:
+        warn_of_no_effect(simulator, controller.pfsm.flavour, controller.pfsm)
+    simulator.rehearse(announce=print_message)
+    return [_run(simulator, file, controller, seed) for file, controller in zip(files, controllers, strict=True)]
+
+
+def _run(simulator: Simulator, file: Path, controller: Any, seed: int) -> ShownExperiment:  # noqa: ANN401 - FsmFile
+    return ShownExperiment.simulated(
+        simulator, controller.pfsm, seed, title=f"{file.name} on {simulator.mission.name}, seed {seed}"
+    )

@@ -1,5 +1,6 @@
 """Simulate, measure and design, in a call each: the functions of `import mercator_design`."""
 
+import dataclasses
 import logging
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -24,14 +25,31 @@ from mercator_design.sim.simulate import Simulator
 
 if TYPE_CHECKING:
     from mercator_design.runs.folder import RunFolder
+    from mercator_design.view.page import ReplayPage
 
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedTrace(Trace):
+    """The trace of an experiment that can be shown."""
+
+    simulator: Simulator
+    pfsm: Pfsm
+    seed: int
+
+    def replay(self) -> "ReplayPage":
+        """The experiment as a page that plays it: shown by a notebook, and written by its `save`."""
+        from mercator_design.view.experiment import ShownExperiment
+        from mercator_design.view.page import ReplayPage
+
+        return ReplayPage([ShownExperiment.simulated(self.simulator, self.pfsm, self.seed)])
+
+
 def simulate(
     mission: Mission, pfsm: Pfsm, *, seed: int = 1, robot_model: RobotModel | None = None, record: bool = False
-) -> Trace:
-    """Run one experiment; `mission.objective(trace)` is its score.
+) -> SimulatedTrace:
+    """Run one experiment; `mission.objective(trace)` is its score, and `trace.replay()` shows it.
 
     Args:
         mission: What the robots have to do.
@@ -44,7 +62,10 @@ def simulate(
         FsmError: The PFSM needs a sensor that the robot lacks.
         MissionError: The robots do not fit, or the objective has no score for what they did.
     """
-    return Simulator(mission, robot_model).run(pfsm, seed, record=record).trace
+    simulator = Simulator(mission, robot_model)
+    trace = simulator.run(pfsm, seed, record=record).trace
+    fields = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
+    return SimulatedTrace(**fields, simulator=simulator, pfsm=pfsm, seed=seed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,8 +4,11 @@ import html
 import json
 from collections.abc import Sequence
 from importlib.resources import files
+from pathlib import Path
 
-from mercator_design.view.replay import Replay
+from mercator_design.system.files import write_text
+from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.replay import replay_of
 
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 """The content security policy of our pages: they cannot ask for anything."""
@@ -28,28 +31,39 @@ def script_json(data: object) -> str:
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def replay_page(replays: Sequence[Replay], title: str) -> str:
-    """One HTML file that plays replays side by side, without a request."""
-    return f"""<!doctype html>
+class ReplayPage:
+    """One HTML file that plays experiments side by side, without a request; a notebook shows it."""
+
+    def __init__(self, shown: Sequence[ShownExperiment], title: str | None = None) -> None:
+        """Make the page; by default the first experiment's title is that of the page."""
+        replays = script_json([replay_of(one) for one in shown])
+        self.html = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<title>{html.escape(title)}</title>
+<title>{html.escape(title or shown[0].title)}</title>
 <style>html, body {{ margin: 0; height: 100%; }}
 {viewer_style()}</style></head>
 <body><div id="replay"></div>
-<script type="application/json" id="replays">{script_json(list(replays))}</script>
+<script type="application/json" id="replays">{replays}</script>
 <script>{viewer_script()}
 const replays = JSON.parse(document.getElementById("replays").textContent);
 MercatorReplay.mount(document.getElementById("replay"), replays).then((player) => (window.player = player));
 </script></body></html>
 """
 
+    def save(self, path: str | Path) -> None:
+        """Write the page.
 
-def in_notebook(page: str, height: int = 720) -> str:
-    """A page as a cell of a notebook: a frame of a height [pixels], apart from the notebook's own page."""
-    style = f"width: 100%; height: {height}px; border: 0"
-    return f'<iframe srcdoc="{html.escape(page)}" style="{style}" sandbox="allow-scripts"></iframe>'
+        Raises:
+            OSError: The file cannot be written.
+        """
+        write_text(Path(path), self.html)
+
+    def _repr_html_(self) -> str:
+        """The cell of a notebook: a frame, apart from the notebook's own page."""
+        style = "width: 100%; height: 720px; border: 0"
+        return f'<iframe srcdoc="{html.escape(self.html)}" style="{style}" sandbox="allow-scripts"></iframe>'
 
 
 def _asset(name: str) -> str:

@@ -78,7 +78,7 @@ def read_trace(path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None) -
 
 def _read_npz(path: Path) -> tuple[Floats, Floats, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             found = {name: file[name] for name in ("time", "pose", "state") if name in file}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise MissionError(f"{path}: expected a trace that `mdesign record` wrote, found: {error}") from None

@@ -2,13 +2,14 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
-from mercator_design.config.colours import STATE_COLOURS
+from mercator_design.config.colours import COLOURS, STATE_COLOURS
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.mission import Mission
@@ -50,7 +51,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "arena": _arena(shown),
         "floor": _floor(trace),
         "zones": _zone_names(trace),
-        "colours": ["#{:02x}{:02x}{:02x}".format(*colour) for colour in STATE_COLOURS],
+        "colours": [_hex(colour) for colour in STATE_COLOURS],
         "machines": [{"states": shown.state_names(k), "diagram": diagram_svg(shown.pfsms[k])} for k in pfsms],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),
@@ -66,6 +67,10 @@ def replay_of(shown: ShownExperiment) -> Replay:
     if perceived.proximity is not None:
         header["proximity"] = _add_proximity(arrays, perceived.proximity, model)
     return {"header": {**header, "layout": arrays.layout}, "data": arrays.text()}
+
+
+def _hex(colour: Sequence[int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def _by_robot(values: NDArray[Any]) -> NDArray[Any]:
@@ -86,13 +91,15 @@ def _add_poses(arrays: PackedArrays, trace: Trace) -> dict[str, Any]:
     return {"origin": origin.tolist(), "unit": unit}
 
 
-def _add_ground(arrays: PackedArrays, ground: NDArray[np.uint8]) -> list[str]:
-    """Pack the ground's colours as the robots read them; the colours by number, none if there are too many."""
+def _add_ground(arrays: PackedArrays, ground: NDArray[np.uint8]) -> list[dict[str, str]]:
+    """Pack the ground's colours as the robots read them; names and colours by number, none if there are too many."""
     seen, numbers = np.unique(ground.reshape(-1, 3), axis=0, return_inverse=True)
     if len(seen) > _MAX_COLOURS:
         return []
     arrays.add("ground", numbers.reshape(ground.shape[:2]).T)
-    return ["#{:02x}{:02x}{:02x}".format(*colour) for colour in seen]
+    names = {tuple(map(int, rgb)): name for name, rgb in COLOURS.items()}
+    colours = [tuple(row) for row in seen.tolist()]
+    return [{"name": names.get(colour, _hex(colour)), "colour": _hex(colour)} for colour in colours]
 
 
 def _add_proximity(arrays: PackedArrays, proximity: Floats, model: RobotModel) -> dict[str, Any] | None:

@@ -11,11 +11,10 @@ from mercator_design.cli.views.sources import shows_experiments
 from mercator_design.command import OUTPUT_FILE, print_message, print_result
 from mercator_design.errors import printable
 from mercator_design.report.progress import Display
-from mercator_design.system.files import write_text, writing
+from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.film import FORMATS, Film, save_still
-from mercator_design.view.page import replay_page
-from mercator_design.view.replay import replay_of
+from mercator_design.view.page import ReplayPage
 
 
 class FilmFile(click.Path):
@@ -76,7 +75,7 @@ def replay(
     else:
         path = output or Path("replay.html")
         with writing(path):
-            write_text(path, replay_page([replay_of(one) for one in shown], title=shown[0].title))
+            ReplayPage(shown).save(path)
     print_result(printable(f"{path}: {score}" if score else str(path)))
     if is_opened and at is None and video is None and not webbrowser.open(path.absolute().as_uri()):
         print_message(f"No browser was found; open {path} in one.")

@@ -8,6 +8,7 @@
 const MercatorReplay = (() => {
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32, 64];
   const TRAIL = 100; // cycles
+  const FOLLOWING = 2.5; // zoom while a robot is followed
   const NOTHING = 255; // in the proximity array: nothing in sight
   const UNKNOWN = "#8a949c"; // colour of a robot whose control software is not known
   const KINDS = { disc: 0, rectangle: 1, halfPlane: 2, ring: 3, polygon: 4 }; // of missions/floor.py
@@ -202,7 +203,7 @@ const MercatorReplay = (() => {
     constructor(canvas, replay, options) {
       this.canvas = canvas;
       this.replay = replay;
-      this.options = options; // shared: trails, presence, proximity, neighbours, lidar, names, follow, robot
+      this.options = options; // shared by all scenes: what is shown, and the chosen robot
       this.floor = new Floor(replay.floor);
       this.zoom = 1;
       this.pan = [0, 0];
@@ -291,7 +292,7 @@ const MercatorReplay = (() => {
       if (options.proximity) this.drawProximity(context, cycle);
       if (options.lidar && options.robot !== null) this.drawLidar(context, cycle);
       for (let i = 0; i < replay.robots; i++) this.drawRobot(context, i, cycle);
-      if (options.names) this.drawNames(context);
+      if (options.zones) this.drawZoneNames(context);
     }
 
     drawFloor(context, cycle) {
@@ -383,7 +384,7 @@ const MercatorReplay = (() => {
       context.restore();
     }
 
-    drawNames(context) {
+    drawZoneNames(context) {
       for (const { name, x, y } of this.replay.zones) {
         const short = name.length > 40 ? `${name.slice(0, 39)}…` : name;
         this.text(context, short, x, y, 12);
@@ -665,7 +666,10 @@ const MercatorReplay = (() => {
 
     buildPanel() {
       this.facts = make("dl", {});
-      this.diagram = make("div", { class: "mr-diagram" });
+      this.diagram = make("button", {
+        type: "button", class: "mr-diagram", title: "State machine: larger or smaller", "aria-expanded": "false",
+        on: { click: () => this.diagram.setAttribute("aria-expanded", String(this.panel.classList.toggle("mr-large"))) },
+      });
       this.panel.append(this.facts, this.diagram);
     }
 
@@ -767,15 +771,19 @@ const MercatorReplay = (() => {
       const count = replay.reading("neighbours", robot, cycle);
       if (count !== null) facts.push(["Neighbours", String(count)]);
       const ground = replay.reading("ground", robot, cycle);
-      if (ground !== null) facts.push(["Ground", replay.grounds[ground]]);
+      if (ground !== null) facts.push(["Ground", this.swatch(replay.grounds[ground])]);
       if (replay.proximity) {
         const values = [...(replay.reading("proximity", robot, cycle, replay.proximity.angles.length) || [])];
         const nearest = Math.min(NOTHING, ...values);
         if (values.length) facts.push(["Nearest", nearest === NOTHING ? "nothing in sight" : `${((nearest / replay.proximity.steps) * replay.proximity.range).toFixed(2)} m`]);
       }
-      this.facts.replaceChildren(...facts.flatMap(([name, value]) => [make("dt", { text: name }), make("dd", { text: value })]));
+      this.facts.replaceChildren(...facts.flatMap(([name, value]) => [make("dt", { text: name }), make("dd", {}, value)]));
       this.showMachine(machine);
       this.light(state, this.firedAt(robot, cycle));
+    }
+
+    swatch({ name, colour }) {
+      return make("span", {}, make("i", { style: `background:${colour}` }), name);
     }
 
     /** The transition that a robot took within the last half second, as "from-number"; null if none. */
@@ -804,7 +812,7 @@ const MercatorReplay = (() => {
       this.speed = 1;
       this.isPlaying = false;
       this.options = {
-        trails: true, presence: false, proximity: false, neighbours: false, lidar: false, names: true, follow: false, robot: null,
+        trails: true, presence: false, proximity: false, neighbours: false, lidar: false, zones: true, follow: false, robot: null,
       };
       this.cycles = Math.max(...replays.map((replay) => replay.cycles));
       this.scenes = replays.map((replay) => new Scene(replay, this.options, this));
@@ -833,7 +841,7 @@ const MercatorReplay = (() => {
       const shown = [
         ["trails", "Trails", "t", true],
         ["presence", "Presence", "p", true],
-        ["names", "Zones", "z", true],
+        ["zones", "Zones", "z", true],
         ["proximity", "Proximity", "x", has("proximity")],
         ["neighbours", "Neighbours", "n", has("seen")],
         ["lidar", "Lidar", "l", this.replays.some((replay) => replay.lidar)],
@@ -910,7 +918,12 @@ const MercatorReplay = (() => {
 
     switch(name) {
       this.options[name] = !this.options[name];
-      if (name === "follow" && this.options.follow && this.options.robot === null) this.options.robot = 0;
+      if (name === "follow" && this.options.follow) {
+        if (this.options.robot === null) this.options.robot = 0;
+        for (const { stage } of this.scenes) if (stage.zoom === 1) stage.zoom = FOLLOWING;
+      } else if (name === "follow") {
+        for (const { stage } of this.scenes) if (stage.zoom === FOLLOWING) stage.zoom = 1;
+      }
       if (name === "lidar" && this.options.lidar && this.options.robot === null) this.options.robot = 0;
       this.toggles[name].setAttribute("aria-pressed", String(this.options[name]));
       this.redraw();

@@ -1,0 +1,116 @@
+"""A headless Chromium under test, driven by the Chrome DevTools Protocol over a pipe."""
+
+import contextlib
+import fcntl
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+_LIMIT = 120.0  # [s] for an answer: the machine may be busy
+_OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe")
+
+
+class Page:
+    """A page that is open in a browser.
+
+    complaints: Errors and warnings of the console, and what was thrown.
+    requests: Addresses that the page asked for, without the page itself.
+    """
+
+    def __init__(self, to_browser, from_browser):
+        self._to, self._from = to_browser, from_browser
+        self._rest, self._number, self._session = b"", 0, None
+        self.complaints, self.requests = [], []
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._call(f"{domain}.enable")
+
+    def open(self, path: Path, *, width=1200, height=800, dark=False):
+        """Open a file; complaints and requests are those of this page from now on."""
+        self.complaints.clear()
+        self.requests.clear()
+        self._call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+        )
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self._call("Emulation.setEmulatedMedia", features=scheme)
+        self._call("Page.navigate", url=path.as_uri())
+        self.evaluate(
+            "new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))"
+        )
+        self.requests[:] = [url for url in self.requests if url != path.as_uri() and not url.startswith("data:")]
+
+    def evaluate(self, script: str):
+        """The value of a script, of a promise its outcome."""
+        answer = self._call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def _call(self, method, **parameters):
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._to, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                return answer["result"]
+            self._note(answer)
+
+    def _next(self):
+        end = time.monotonic() + _LIMIT
+        while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._from], [], [], end - time.monotonic())
+            assert ready, "the browser does not answer"
+            data = os.read(self._from, 1 << 20)
+            assert data, "the browser has ended"
+            self._rest += data
+        line, _, self._rest = self._rest.partition(b"\0")
+        return json.loads(line)
+
+    def _note(self, event):
+        parameters = event.get("params", {})
+        match event.get("method"):
+            case "Runtime.exceptionThrown":
+                self.complaints.append(parameters["exceptionDetails"]["text"])
+            case "Runtime.consoleAPICalled" if parameters["type"] in ("error", "warning", "assert"):
+                self.complaints.append(str(parameters["args"]))
+            case "Log.entryAdded" if parameters["entry"]["level"] in ("error", "warning"):
+                self.complaints.append(parameters["entry"]["text"])
+            case "Network.requestWillBeSent":
+                self.requests.append(parameters["request"]["url"])
+
+
+def _moved(number):
+    """A file descriptor apart from 3 and 4, which the browser reads from and writes to."""
+    moved = fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, 10)
+    os.close(number)
+    return moved
+
+
+@contextlib.contextmanager
+def browser(folder: Path):
+    """A page of a browser with its profile in a folder."""
+    browser_reads, we_write, we_read, browser_writes = map(_moved, (*os.pipe(), *os.pipe()))
+    command = f'exec 3<&{browser_reads} 4>&{browser_writes}; exec "$@"'
+    line = ["bash", "-c", command, "browser", CHROMIUM, *_OPTIONS, f"--user-data-dir={folder / 'profile'}"]
+    none = subprocess.DEVNULL
+    process = subprocess.Popen(line, pass_fds=(browser_reads, browser_writes), stdin=none, stdout=none, stderr=none)
+    os.close(browser_reads)
+    os.close(browser_writes)
+    try:
+        yield Page(we_write, we_read)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(we_write)
+        os.close(we_read)

@@ -1,0 +1,141 @@
+"""Films, pictures and plots, drawn without a display."""
+
+import dataclasses
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from mercator_design.errors import MercatorError
+from mercator_design.view.figures import house_style
+from mercator_design.view.film import Film, Stage, save_still
+from mercator_design.view.plots import KINDS, plots, save_plots
+from mercator_design.view.scenery import limits
+
+CAPTION = "mdesign replay fsm.txt --video film.mp4"
+BLUE = (0, 114, 178)
+
+
+def has(frame, colour):
+    return (np.abs(frame.astype(int) - colour).max(axis=-1) < 12).any()
+
+
+def test_mp4(shown, tmp_path):
+    film = Film([shown], tmp_path / "film.mp4", speed=4.0, caption=CAPTION)
+    seen = []
+    film.write(seen.append)
+    frames = imageio_ffmpeg.read_frames(str(tmp_path / "film.mp4"))
+    about = next(frames)
+    images = [np.frombuffer(frame, np.uint8).reshape(about["size"][1], about["size"][0], 3) for frame in frames]
+    frames.close()
+    assert len(images) == len(film.times) == seen[-1]
+    assert about["fps"] == 25.0
+    assert film.times[-1] == 6.0
+    assert all(has(image, BLUE) for image in images)
+    assert (images[0] != images[-1]).any()
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_gif(cleaning, tmp_path):
+    film = Film([cleaning], tmp_path / "film.gif", speed=16.0, caption=CAPTION)
+    film.write()
+    with Image.open(tmp_path / "film.gif") as image:
+        assert image.n_frames == len(film.times) > 2
+        assert has(np.asarray(image.convert("RGB")), BLUE)
+
+
+def test_nothing_is_left_of_a_film_that_fails(shown, tmp_path):
+    film = Film([shown], tmp_path / "film.mp4", speed=4.0, caption=CAPTION)
+
+    def fail(done):
+        if done == 3:
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        film.write(fail)
+    assert not list(tmp_path.iterdir())
+
+
+def test_mp4_without_its_package(shown, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    with pytest.raises(MercatorError, match="need the package imageio-ffmpeg"):
+        Film([shown], tmp_path / "film.mp4", speed=4.0, caption=CAPTION)
+
+
+def test_picture(shown, tmp_path):
+    paths = [tmp_path / "still.png", tmp_path / "again.png"]
+    for path in paths:
+        save_still(path, [shown, shown], 3.0, caption=CAPTION)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    with Image.open(paths[0]) as image:
+        assert image.width > 1.5 * image.height
+
+
+def test_robots_are_drawn_where_they_are(shown):
+    with house_style():
+        stage = Stage([shown], CAPTION)
+        frame = stage.frame(3.0)
+        axes = stage.figure.axes[0]
+        x, y, _ = shown.trace.poses[30, 0]
+        column, row = axes.transData.transform((x, y))
+    near = frame[len(frame) - round(row) - 3 : len(frame) - round(row) + 3, round(column) - 3 : round(column) + 3]
+    assert (near == 255).all(axis=-1).any()  # the arrow
+
+
+def test_floor_changes_in_a_film(cleaning):
+    with house_style():
+        stage = Stage([cleaning], CAPTION)
+        before = stage.frame(0.0).copy()
+        after = stage.frame(20.0)
+        axes = stage.figure.axes[0]
+        zones = cleaning.trace.zone_colors(tuple(cleaning.trace.zone_rows))[-1]
+        cleaned = cleaning.trace.floor.zones[np.flatnonzero((zones == 127.0).all(axis=1))[0]]
+        corners = cleaned[1:3] + 0.8 * cleaned[3:5] * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+        places = [(len(before) - round(y), round(x)) for x, y in axes.transData.transform(corners)]
+    assert [0, 0, 0] in [before[place].tolist() for place in places]
+    assert [0, 0, 0] not in [after[place].tolist() for place in places]
+
+
+def test_swarm_without_an_arena(shown, tmp_path):
+    alone = dataclasses.replace(shown, mission=None, pfsms=(), pfsm_of=(), fired=None, recording=None)
+    save_still(tmp_path / "still.png", [alone], 1.0, caption=CAPTION)
+    save_plots(tmp_path / "plots.png", [alone], [*KINDS], caption=CAPTION)
+    low, high = limits(alone)
+    places = alone.trace.poses[..., :2]
+    assert (low < places.min(axis=(0, 1))).all()
+    assert (high > places.max(axis=(0, 1))).all()
+
+
+def test_plots_have_units_legends_and_the_command(shown):
+    with house_style():
+        figure = plots([shown, shown], [*KINDS], caption=CAPTION)
+    axes = figure.axes
+    labels = {(one.get_xlabel(), one.get_ylabel()) for one in axes}
+    assert labels == {("x [m]", "y [m]"), ("time [s]", "robot"), ("time [s]", "distance [m]"), ("time [s]", "score")}
+    assert sum(one.get_legend() is not None for one in axes) == 8  # presence has a bar of colours
+    assert CAPTION in [text.get_text() for text in figure.texts]
+
+
+def test_distances(shown):
+    with house_style():
+        figure = plots([shown], ["distances"], caption=CAPTION)
+    nearest, pairs = (line.get_ydata() for line in figure.axes[0].lines)
+    places = shown.trace.poses[-1, :, :2]
+    between = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
+    assert pairs[-1] == pytest.approx(between.sum() / 6)
+    assert nearest[-1] == pytest.approx(np.sort(between, axis=1)[:, 1].mean())
+
+
+def test_presence_is_the_time_of_all_robots(shown):
+    with house_style():
+        figure = plots([shown], ["presence"], caption=CAPTION)
+    mesh = figure.axes[0].collections[0]
+    assert mesh.get_array().sum() == pytest.approx(3 * 6.0)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_plot_files(suffix, shown, tmp_path):
+    path = tmp_path / f"plots.{suffix}"
+    save_plots(path, [shown], ["states", "score"], caption="$x^2$ <script>")
+    assert path.stat().st_size > 5000

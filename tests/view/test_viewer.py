@@ -1,0 +1,119 @@
+"""The viewer in a browser: it decodes what the simulator did, draws it, and asks for nothing."""
+
+import numpy as np
+import pytest
+
+from mercator_design.view.page import ReplayPage
+from tests.view.browser import CHROMIUM, browser
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+
+READY = "new Promise((done) => { const wait = setInterval(() => window.player && (clearInterval(wait), done()), 5); })"
+DECODED = """player.replays.map((replay) => {
+  const poses = [], states = [];
+  for (let cycle = 0; cycle <= replay.cycles; cycle++) {
+    for (let robot = 0; robot < replay.robots; robot++) {
+      poses.push(replay.pose(robot, cycle));
+      if (cycle) states.push(replay.state(robot, cycle));
+    }
+  }
+  return { poses, states, score: replay.score, last: replay.scoreAt(replay.cycles) };
+})"""
+PRESS = """for (const key of %s) {
+  document.querySelector(".mr").dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+}
+player.draw();"""
+SEEN = """(() => {
+  const { canvas } = player.scenes[0].stage;
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const colours = new Set();
+  for (let k = 0; k < pixels.length; k += 4) colours.add((pixels[k] << 16) | (pixels[k + 1] << 8) | pixels[k + 2]);
+  return {
+    cycle: player.cycle, options: player.options, colours: [...colours],
+    active: [...player.scenes[0].diagram.querySelectorAll("[data-state].active")].map((node) => node.dataset.state),
+    panel: document.querySelector(".mr-panel").textContent, zoom: player.scenes[0].stage.zoom,
+    width: document.documentElement.scrollWidth,
+  };
+})()"""
+PLAYED = """new Promise((done) => {
+  player.speed = 64;
+  player.toggle();
+  const wait = setInterval(() => player.isPlaying || (clearInterval(wait), done(player.cycle)), 5);
+})"""
+AGAIN = """(() => {
+  delete window.DecompressionStream;
+  const source = JSON.parse(document.getElementById("replays").textContent)[0];
+  return MercatorReplay.Replay.load(source).then((again) => again.pose(0, again.cycles));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def folder(shown, cleaning, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("viewer")
+    ReplayPage([shown, cleaning]).save(folder / "page.html")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    with browser(folder) as page:
+        yield page
+
+
+@pytest.fixture
+def opened(page, folder):
+    """The page of two experiments, newly opened."""
+    page.open(folder / "page.html")
+    page.evaluate(READY)
+    yield page
+    assert page.complaints == []
+    assert page.requests == []
+
+
+def test_poses_states_and_scores_of_each_cycle(opened, shown, cleaning):
+    for decoded, experiment in zip(opened.evaluate(DECODED), (shown, cleaning), strict=True):
+        trace = experiment.trace
+        poses = np.array(decoded["poses"]).reshape(trace.poses.shape)
+        assert np.abs(poses[..., :2] - trace.poses[..., :2]).max() < 0.001
+        turns = poses[..., 2] - trace.poses[..., 2]
+        assert np.abs(np.arctan2(np.sin(turns), np.cos(turns))).max() < np.radians(0.1)
+        assert decoded["states"] == trace.states.reshape(-1).tolist()
+        assert decoded["score"] == decoded["last"] == experiment.score
+
+
+def test_keys_choose_step_and_show(opened, shown):
+    opened.evaluate(PRESS % '["]", "f", "l", "n", "x", "p", "ArrowRight", "ArrowRight"]')
+    found = opened.evaluate(SEEN)
+    assert (found["cycle"], found["options"]["robot"]) == (2, 0)
+    assert all(found["options"][name] for name in ("follow", "lidar", "neighbours", "proximity", "presence"))
+    assert found["active"] == [str(shown.trace.states[1, 0])]
+    assert "exploration" in found["panel"]
+    assert found["zoom"] > 1
+    opened.evaluate(PRESS % '["Escape", "f", "End"]')
+    assert opened.evaluate("player.cycle") == 200
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_colours(dark, page, folder):
+    page.open(folder / "page.html", dark=dark)
+    page.evaluate(READY)
+    page.evaluate("player.draw()")
+    colours = page.evaluate(SEEN)["colours"]
+    assert 0x7F7F7F in colours  # the floor
+    assert 0x0072B2 in colours  # robots in their initial state
+    assert (0x0A0D10 if dark else 0xE4E9EE) in colours  # beyond the walls
+
+
+def test_telephone(page, folder):
+    page.open(folder / "page.html", width=375)
+    page.evaluate(READY)
+    page.evaluate(PRESS % '["]"]')
+    assert page.evaluate(SEEN)["width"] == 375
+
+
+def test_playing_to_the_end(opened, cleaning):
+    assert opened.evaluate(PLAYED) == cleaning.trace.cycles
+
+
+def test_browser_that_cannot_inflate(opened, shown):
+    assert np.abs(np.array(opened.evaluate(AGAIN)[:2]) - shown.trace.poses[-1, 0, :2]).max() < 0.001

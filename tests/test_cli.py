@@ -169,7 +169,8 @@ class TestRace:
     @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
     def test_a_journal_has_whole_lines_only(self, mdesign, tmp_path):
         assert mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "q", *QUICK)[0] == 0  # and is compiled
-        limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
+        limit = "import resource, sys; sys.dont_write_bytecode = True;"
+        limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
         ignore = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         script = f"{limit}{ignore}from mercator_design.cli import main; main()"
         command = [sys.executable, "-c", script, "race", "aggregation", "--budget", "200", "-o", str(tmp_path / "r")]

@@ -538,7 +538,8 @@ class TestWaysOut:
         assert soonest(attempt) <= LATEST
 
     def test_a_full_disk(self, tmp_path):
-        limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000))"
+        limit = "import resource, sys; sys.dont_write_bytecode = True; "
+        limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (30000, 30000))"
         with driving(tmp_path, "-o", "drive.jsonl", fault=limit) as drive, drive.holding():
             (tmp_path / "fault").touch()
             drive.ended(1, "drive.jsonl: cannot be written: File too large")

@@ -273,7 +273,8 @@ def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
 
 def test_a_full_disk(tmp_path):
     """A run whose log is lost is worth nothing."""
-    limit = "import resource; n = os.path.getsize('log.jsonl'); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
+    limit = "import resource, sys; sys.dont_write_bytecode = True; "
+    limit += "n = os.path.getsize('log.jsonl'); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
 
     def attempt(number):
         with running(tmp_path / str(number), fault=limit) as robot:

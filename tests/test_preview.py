@@ -12,7 +12,7 @@ from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.preview import preview, save_preview
+from mercator_design.view.pictures.preview import preview, save_preview
 
 LABYRINTH = """
 schema: 1

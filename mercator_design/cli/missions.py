@@ -67,7 +67,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
     Prints the name of the picture.
     """
-    from mercator_design.view.preview import save_preview  # matplotlib, for this verb only
+    from mercator_design.view.pictures.preview import save_preview  # matplotlib, for this verb only
 
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")

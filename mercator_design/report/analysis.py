@@ -147,7 +147,7 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
     """
     from matplotlib.figure import Figure
 
-    from mercator_design.view.figures import house_style, save_figure
+    from mercator_design.view.pictures.figures import house_style, save_figure
 
     rows = list(_rows(ablation))
     with house_style():

@@ -13,7 +13,7 @@ from mercator_design.calibration.noise import CONFIDENCE, SIMULATIONS, Noise
 from mercator_design.calibration.sensors import Calibration, SensorNoise
 from mercator_design.errors import printable
 from mercator_design.report.columns import aligned
-from mercator_design.view.figures import house_style, save_figure
+from mercator_design.view.pictures.figures import house_style, save_figure
 
 _COLUMNS = 3  # of a picture
 _BARS = 40

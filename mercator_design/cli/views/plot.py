@@ -11,8 +11,8 @@ from mercator_design.command import print_result
 from mercator_design.errors import printable
 from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.figures import FORMATS
-from mercator_design.view.plots import KINDS, save_plots
+from mercator_design.view.pictures.figures import FORMATS
+from mercator_design.view.pictures.plots import KINDS, save_plots
 
 
 @click.command(short_help="Plot trajectories, presence, states, distances and score.")

@@ -13,8 +13,8 @@ from mercator_design.errors import printable
 from mercator_design.report.progress import Display
 from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.film import FORMATS, Film, save_still
 from mercator_design.view.page import ReplayPage
+from mercator_design.view.pictures.film import FORMATS, Film, save_still
 
 
 class FilmFile(click.Path):

@@ -42,8 +42,8 @@ def _picture(designer: Designer, command: str) -> Html:
     """The mission from above; nothing if its robots find no place."""
     from PIL import Image
 
-    from mercator_design.view.figures import house_style
-    from mercator_design.view.preview import preview
+    from mercator_design.view.pictures.figures import house_style
+    from mercator_design.view.pictures.preview import preview
 
     drawn, file = io.BytesIO(), io.BytesIO()
     try:

@@ -15,9 +15,9 @@ from scipy.spatial.distance import cdist
 
 from mercator_design.arrays import Floats
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.figures import house_style, save_figure
-from mercator_design.view.film import UNKNOWN, hex_colour
-from mercator_design.view.scenery import OUTSIDE, draw_arena, draw_floor, limits, name_zones
+from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.film import UNKNOWN, hex_colour
+from mercator_design.view.pictures.scenery import OUTSIDE, draw_arena, draw_floor, limits, name_zones
 
 _COLUMN, _WIDTH, _LEFT = 4.9, 3.7, 0.6  # [inches] a column, the axes in it, and the space left of them
 _ABOVE, _BELOW = 0.3, 0.5  # [inches] the space for the legend, and for the axis

@@ -25,8 +25,8 @@ from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
-from mercator_design.view.figures import house_style, save_figure
-from mercator_design.view.scenery import (
+from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
     arena_grid,

@@ -25,8 +25,8 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.system.files import replacing
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.figures import house_style, save_figure
-from mercator_design.view.scenery import (
+from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
     arena_grid,

@@ -12,6 +12,7 @@ from mercator_design.errors import MissionError, SimulationError
 from mercator_design.fsm.control import Controller
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.reference import Readings
+from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.devices import Recording
@@ -51,6 +52,7 @@ class ShownExperiment:
         mission: None: the robots are shown without an arena, and there is no score.
         pfsms: Different PFSMs of the robots; empty: not known.
         pfsm_of: (robots,) the PFSM of each robot, by its place in `pfsms`.
+        named_states: The names of each PFSM's states; empty: those of their behaviours.
         names: Of the robots; empty: their numbers.
         fired: (cycles, robots) transition taken in a cycle, by its number in the state from 1, or 0; None: not known.
         perceived: What the robots perceived.
@@ -63,14 +65,25 @@ class ShownExperiment:
     mission: Mission | None = None
     pfsms: tuple[Pfsm, ...] = ()
     pfsm_of: tuple[int, ...] = ()
+    named_states: tuple[tuple[str, ...], ...] = ()
     names: tuple[str, ...] = ()
     fired: NDArray[np.uint8] | None = None
     perceived: Perceived = field(default_factory=Perceived)
     recording: Recording | None = None
 
     @classmethod
-    def simulated(cls, simulator: Simulator, pfsm: Pfsm, seed: int, *, title: str | None = None) -> Self:
-        """Run an experiment to be shown; errors are those of `Simulator.run`."""
+    def simulated(
+        cls, simulator: Simulator, pfsm: Pfsm, seed: int, *, title: str | None = None, states: tuple[str, ...] = ()
+    ) -> Self:
+        """Run an experiment to be shown; errors are those of `Simulator.run`.
+
+        Args:
+            simulator: Of the mission and the robots.
+            pfsm: The control software.
+            seed: Of the instance.
+            title: For people.
+            states: Their names; by default those of their behaviours.
+        """
         outcome = simulator.run(pfsm, seed, record=True)
         recording = outcome.recording
         return cls(
@@ -80,6 +93,7 @@ class ShownExperiment:
             mission=simulator.mission,
             pfsms=(pfsm,),
             pfsm_of=(0,) * outcome.trace.robots,
+            named_states=(states,) if states else (),
             fired=_fired(pfsm, recording),
             perceived=_perceived(recording),
             recording=recording,
@@ -94,7 +108,8 @@ class ShownExperiment:
 
     def state_names(self, pfsm: int) -> list[str]:
         """The names of the states of a PFSM, by its place in `pfsms`."""
-        return [f"{k} {state.behaviour.replace('_', '-')}" for k, state in enumerate(self.pfsms[pfsm].states)]
+        names = self.named_states[pfsm] if self.named_states else state_names(self.pfsms[pfsm])
+        return [f"{k} {name}" for k, name in enumerate(names)]
 
     @cached_property
     def score(self) -> float | None:

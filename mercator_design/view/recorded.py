@@ -35,7 +35,9 @@ Warn = Callable[[str], None]
 Pose = tuple[float, float, float]
 
 
-def read_trace(path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None) -> ShownExperiment:
+def read_trace(
+    path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None, *, names: tuple[str, ...] = ()
+) -> ShownExperiment:
     """An experiment from a table of poses.
 
     Args:
@@ -43,6 +45,7 @@ def read_trace(path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None) -
         simulator: Of the mission in which it took place.
         seed: Of the instance: its floor, and its starting poses if the table begins after the first cycle.
         pfsm: The control software of the robots, if it is known.
+        names: Of its states; by default those of their behaviours.
 
     Raises:
         MissionError: The file is not such a table, or its states are not those of the PFSM.
@@ -73,6 +76,7 @@ def read_trace(path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None) -
         mission=simulator.mission,
         pfsms=() if pfsm is None else (pfsm,),
         pfsm_of=() if pfsm is None else (0,) * poses.shape[1],
+        named_states=(names,) if names else (),
     )
 
 

@@ -11,9 +11,9 @@ import click
 from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, read_controller, warn
+from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.sim.simulate import Simulator
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.recorded import TABLES, Pose, is_log, read_logs, read_trace
 
@@ -68,8 +68,9 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         if first.suffix.lower() in TABLES:
             if simulator is None or len(sources) > 1:
                 raise click.UsageError("expected one trace, with --mission, which says where it took place")
-            pfsm = None if fsm is None else read(fsm).pfsm
-            verb(shown=[read_trace(first, simulator, seed, pfsm)], **others)
+            file = None if fsm is None else read(fsm)
+            pfsm, names = (None, ()) if file is None else (file.pfsm, file.names)
+            verb(shown=[read_trace(first, simulator, seed, pfsm, names=names)], **others)
             return
         model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
         logs = read_logs(
@@ -110,7 +111,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
     return with_experiments
 
 
-def _simulated(files: list[Path], read: Callable[[Path], Any], given: Given, seed: int) -> list[ShownExperiment]:
+def _simulated(files: list[Path], read: Callable[[Path], FsmFile], given: Given, seed: int) -> list[ShownExperiment]:
     """Run controllers on one instance: the mission of the first is that of all."""
     controllers = [read(file) for file in files]
     simulator = simulator_of(files[0], controllers[0], given)
@@ -118,10 +119,9 @@ def _simulated(files: list[Path], read: Callable[[Path], Any], given: Given, see
     for controller in controllers:
         warn_of_no_effect(simulator, controller.pfsm.flavour, controller.pfsm)
     simulator.rehearse(announce=print_message)
-    return [_run(simulator, file, controller, seed) for file, controller in zip(files, controllers, strict=True)]
-
-
-def _run(simulator: Simulator, file: Path, controller: Any, seed: int) -> ShownExperiment:  # noqa: ANN401 - FsmFile
-    return ShownExperiment.simulated(
-        simulator, controller.pfsm, seed, title=f"{file.name} on {simulator.mission.name}, seed {seed}"
-    )
+    shown = []
+    for file, controller in zip(files, controllers, strict=True):
+        title = f"{file.name} on {simulator.mission.name}, seed {seed}"
+        pfsm, names = controller.pfsm, controller.names
+        shown.append(ShownExperiment.simulated(simulator, pfsm, seed, title=title, states=names))
+    return shown

@@ -7,8 +7,10 @@ provenance.json    versions, seed, budget, platform, start of the race
 failed/            the control software of failed experiments, if there are any
 fsm.txt            the winner; its name depends on the task
 results.csv        all configurations of the race, the elites first
+proof.json         the winner and others on fresh instances, for the report (analysis/proof.py)
+report.html        the report (report/page/)
 
-When a race has finished, its provenance is written again, with "finished", after all other files.
+When a race has finished, its provenance is written again, with "finished", before the last two.
 """
 
 import contextlib

@@ -7,13 +7,14 @@ import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
 from mercator_design.analysis import proof as proofs
-from mercator_design.analysis.proof import PROOF, prove, read_proof
+from mercator_design.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
 from mercator_design.cli.races import reporting
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.race.racing.statistics import holm
@@ -22,6 +23,7 @@ from mercator_design.race.running.executors import ExecutorStopped, ThreadExecut
 from mercator_design.report.iterations import incumbents
 from mercator_design.report.page import page as pages
 from mercator_design.report.page import request as requests
+from mercator_design.report.page.choice import verdict
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.page import REPORT, report_page
 
@@ -274,6 +276,18 @@ class TestProof:
         code, _, err = mdesign("report", folder)
         assert code == 1
         assert PROOF in err
+
+    def test_what_it_says_depends_on_the_direction(self, facts):
+        runs = tuple(range(8))
+        higher = tuple(value + 5.0 + 0.1 * (value % 3) for value in runs)
+        rows = [("winner", runs), (proofs.RANDOM, higher), (f"stop{proofs.ALONE}", runs)]
+        made = Proof(
+            journal="", seeds=runs, contestants=tuple(Contestant(name=name, fsm="", scores=s) for name, s in rows)
+        )
+        begin, alike = "The winner on 8 fresh instances:", "it is not distinguishable from every PFSM of one state"
+        assert verdict(facts, made) == f"{begin} {alike}; it is significantly worse than random PFSMs."
+        other = replace(facts, task=SimpleNamespace(maximise=False))
+        assert verdict(other, made) == f"{begin} it is significantly better than random PFSMs; {alike}."
 
     def test_machines_of_one_state_are_in_the_domains(self, proof):
         alone = [one for one in proof.contestants if one.name.endswith(proofs.ALONE)]

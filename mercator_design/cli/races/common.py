@@ -15,7 +15,7 @@ from mercator_design.command import print_message, print_result
 from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
-from mercator_design.race.running.executors import Executor, ExecutorStopped
+from mercator_design.race.running.executors import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun
@@ -185,7 +185,14 @@ def _report(folder: RunFolder, proof_runs: int | None, jobs: int, interrupt: Int
     """Write the report of a race that has ended; if that is not possible, the race's results stay."""
     output, later = folder.path / REPORT, f"to write it: {shlex.join(['mdesign', 'report', str(folder.path)])}"
     try:
-        write_report(folder.path, output, task=folder.task, proof_runs=proof_runs, jobs=jobs, stopped=interrupt.came)
+        write_report(
+            folder.path,
+            output,
+            task=folder.task,
+            proof_runs=proof_runs,
+            jobs=min(jobs, available_jobs()),
+            stopped=interrupt.came,
+        )
     except ExecutorStopped:
         interrupt.check(f"{folder.path}: the race has ended, its report is not written; {later}")
         raise

@@ -1,11 +1,14 @@
 """The answer first: the winner, its score, its control software."""
 
+from collections.abc import Sequence
+
 from mercator_design.analysis.proof import Proof
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.modules import module_words
 from mercator_design.fsm.words.names import state_names
+from mercator_design.missions.trace import Trace
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.report.page.choice import verdict
 from mercator_design.report.page.facts import Facts
@@ -13,15 +16,22 @@ from mercator_design.report.page.markup import Html, command, facts_list, figure
 from mercator_design.sim.checks.lint import lint
 from mercator_design.view.charts import number
 from mercator_design.view.machines.diagram import diagram_svg
+from mercator_design.view.machines.occupancy import occupancy
 from mercator_design.view.markup import escaped
 
 
-def answer(facts: Facts, proof: Proof | None) -> Html:
-    """The section of the winner."""
+def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
+    """The section of the winner.
+
+    Args:
+        facts: Of the race.
+        proof: The winner on fresh instances.
+        traces: Of runs of the winner, which tell how long robots are in each state.
+    """
     if facts.best is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
     name = "The winner" if facts.is_finished else "The best so far"
-    return section("answer", name, _score(facts, proof), _software(facts, facts.best))
+    return section("answer", name, _score(facts, proof), _software(facts, facts.best, traces))
 
 
 def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
@@ -48,7 +58,7 @@ def _score(facts: Facts, proof: Proof | None) -> Html:
     )
 
 
-def _software(facts: Facts, best: int) -> Html:
+def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     pfsm = facts.pfsm(best)
     if pfsm is None:
         values = facts.record.configurations[best]
@@ -58,7 +68,10 @@ def _software(facts: Facts, best: int) -> Html:
         f"Configuration {best} as a PFSM: robots begin in state 0; each condition is beside the transition "
         "that it triggers."
     )
-    diagram = figure(diagram_svg(pfsm), caption, facts.command)
+    if traces:
+        caption += f" Shares of time and rates are those of the {len(traces)} replays below."
+    measured = occupancy(traces, len(pfsm.states)) if traces else None
+    diagram = figure(diagram_svg(pfsm, measured=measured), caption, facts.command)
     return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
 
 

@@ -58,8 +58,8 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
         dots.append(
             Dot(one.name, scores.mean, low, high, one.scores, "" if pair is None else _p(pair.p_value), min(place, 3))
         )
-        rows.append((one.name, number(scores.mean), f"{number(low)} to {number(high)}", *_difference(pair)))
-    head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "winner's difference", "p (Holm)")
+        rows.append((one.name, number(scores.mean), f"{low:.3g} to {high:.3g}", *_difference(pair)))
+    head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "difference", "p (Holm)")
     caption = (
         f"The winner on {len(proof.seeds)} fresh instances, against the runner-up, random PFSMs (another one on each "
         f"instance) and PFSMs of one state: mean, interval of {CONFIDENCE:.0%}, single runs. p: of no "

@@ -13,6 +13,8 @@ from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, lin
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
+_FEW = 4
+"""Scores below this number have intervals so wide that little else would be seen: they are cut off."""
 
 
 def course(facts: Facts) -> Html:
@@ -20,12 +22,13 @@ def course(facts: Facts) -> Html:
     found = incumbents(facts.record)
     if not found:
         return Html()
+    charts = [_budget(facts), _incumbent(facts, found), _elimination(facts, found), _convergence(facts)]
     return section(
         "course",
         "How the race went",
-        row_of(_budget(facts), _incumbent(facts, found), _elimination(facts, found), _convergence(facts)),
+        row_of(*charts) if len(found) > 1 else _table(found),
         _elites(facts),
-        folded("All iterations as a table", _table(found)),
+        folded("All iterations as a table", _table(found)) if len(found) > 1 else "",
         *(note(f"Iteration {one.ended.iteration}: {one.ended.note}") for one in found if one.ended.note),
     )
 
@@ -48,22 +51,27 @@ def _budget(facts: Facts) -> Html:
 def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
     ends = accumulate(one.ended.used for one in found)
     points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
+    means = [scores.mean for _, scores in points]
     intervals = [scores.confidence_interval or (scores.mean, scores.mean) for _, scores in points]
-    line = Line(
-        "best of each iteration",
-        [end for end, _ in points],
-        [scores.mean for _, scores in points],
-        [low for low, _ in intervals],
-        [high for _, high in intervals],
-    )
-    lines = [line]
+    usual = [one for one, (_, scores) in zip(intervals, points, strict=True) if len(scores.values) >= _FEW]
+    lowest, highest = min([*means, *(low for low, _ in usual)]), max([*means, *(high for _, high in usual)])
+    lines = [
+        Line(
+            "best of each iteration",
+            [end for end, _ in points],
+            means,
+            [max(low, lowest) for low, _ in intervals],
+            [min(high, highest) for _, high in intervals],
+        )
+    ]
     if facts.tested is not None:
         low, high = facts.tested.confidence_interval or (facts.tested.mean, facts.tested.mean)
         ends_at = [points[0][0], points[-1][0]]
         lines.append(Line("winner in its tests", ends_at, [facts.tested.mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
-        "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few."
+        "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few. "
+        f"Intervals of fewer than {_FEW} scores are cut off."
     )
     chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))
     return figure(chart, caption, facts.command)

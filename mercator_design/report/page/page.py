@@ -12,11 +12,12 @@ from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.importance import importance
 from mercator_design.report.page.markup import Html
 from mercator_design.report.page.origin import origin
-from mercator_design.report.page.replays import chosen_runs, replays, replays_of
+from mercator_design.report.page.replays import chosen_runs, replays, run_again
 from mercator_design.report.page.request import request
 from mercator_design.view.charts import STYLE
 from mercator_design.view.markup import escaped
 from mercator_design.view.page import POLICY, viewer_script, viewer_style
+from mercator_design.view.replay import replay_of
 
 REPORT = "report.html"
 MAX_SIZE = 1_200_000
@@ -40,10 +41,17 @@ def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> 
         proof: The winner on fresh instances.
         without: Why there is no proof, if there is none.
     """
-    first = [answer(facts, proof), request(facts), course(facts), choice(facts, proof, without), importance(facts)]
-    last = origin(facts)
     runs = chosen_runs(facts, proof) if facts.is_finished else []
-    shown, problem = replays_of(facts, runs)
+    again, problem = run_again(facts, runs)
+    first = [
+        answer(facts, proof, [one.trace for one in again]),
+        request(facts),
+        course(facts),
+        choice(facts, proof, without),
+        importance(facts),
+    ]
+    last = origin(facts)
+    shown = [replay_of(one) for one in again]
     while True:
         sections = [*first, replays(runs, shown, problem), last]
         page = _page(facts, sections, viewer=bool(shown))
@@ -57,7 +65,7 @@ def live_part(facts: Facts) -> Html:
     record = facts.record
     done = len(record.experiments)
     bar = f'<progress max="{record.budget}" value="{done}">{done} of {record.budget}</progress>'
-    return Html(f'<p id="state">{_state(facts)}</p>{bar}{answer(facts, None)}{course(facts)}')
+    return Html(f'<p id="state">{_state(facts)}</p>{bar}{answer(facts, None, [])}{course(facts)}')
 
 
 def following_page(facts: Facts) -> str:

@@ -11,7 +11,7 @@ from mercator_design.view.charts import number
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.markup import escaped
 from mercator_design.view.page import script_json
-from mercator_design.view.replay import Replay, replay_of
+from mercator_design.view.replay import Replay
 
 
 class Run(NamedTuple):
@@ -39,8 +39,8 @@ def chosen_runs(facts: Facts, proof: Proof | None) -> list[Run]:
     return [Run(name, scores[place][1], scores[place][0]) for name, place in places.items()]
 
 
-def replays_of(facts: Facts, runs: Sequence[Run]) -> tuple[list[Replay], str]:
-    """The runs again, as replays; or none, and why."""
+def run_again(facts: Facts, runs: Sequence[Run]) -> tuple[list[ShownExperiment], str]:
+    """The runs again, to be shown; or none, and why."""
     designer, pfsm = facts.designer, None if facts.best is None else facts.pfsm(facts.best)
     if designer is None or pfsm is None:
         return [], ""
@@ -53,7 +53,7 @@ def replays_of(facts: Facts, runs: Sequence[Run]) -> tuple[list[Replay], str]:
             return [], error.messages[0]
         if experiment.score != run.score:
             return [], "This version's simulator gives other scores than that of the race, so no replays are shown."
-        found.append(replay_of(experiment))
+        found.append(experiment)
     return found, ""
 
 

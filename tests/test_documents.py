@@ -296,3 +296,10 @@ class TestDevices:
         for key in named:
             noisy = recorded(changed(MERCATOR, key)).measure(device)
             assert not np.array_equal(quiet, noisy, equal_nan=True), key
+
+
+def test_pictures_of_the_readme_are_small():
+    pictures = re.findall(r"!\[.*?\]\((\S+?)\)", (ROOT / "README.md").read_text())
+    assert pictures
+    for picture in pictures:
+        assert (ROOT / picture).stat().st_size <= 1_000_000

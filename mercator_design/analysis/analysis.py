@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mercator_design.analysis.pruning import Element, elements, max_modules, module_counts, removed, without
+from mercator_design.analysis.pruning import Element, max_modules, module_counts, one_less, removed, without
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm
@@ -158,11 +158,7 @@ class _Pruning:
 
     def changes(self, out: frozenset[Element]) -> dict[frozenset[Element], str]:
         """The variants with one more element removed, and all that cannot be reached without it."""
-        found: dict[frozenset[Element], str] = {}
-        for element, words in elements(self.pfsm).items():
-            if element not in out:
-                found.setdefault(removed(self.pfsm, out | {element}), f"without {words}")
-        return found
+        return one_less(self.pfsm, out)
 
     def configuration(self, out: frozenset[Element]) -> Configuration:
         """The reduced PFSM as a configuration of the grammar."""

@@ -60,6 +60,15 @@ def without(pfsm: Pfsm, out: frozenset[Element]) -> Pfsm:
     return Pfsm(tuple(states), pfsm.flavour, any_domain=pfsm.any_domain)
 
 
+def one_less(pfsm: Pfsm, out: frozenset[Element]) -> dict[frozenset[Element], str]:
+    """The sets of removed elements with one more, and all that cannot be reached without it; with descriptions."""
+    found: dict[frozenset[Element], str] = {}
+    for element, words in elements(pfsm).items():
+        if element not in out:
+            found.setdefault(removed(pfsm, out | {element}), f"without {words}")
+    return found
+
+
 def _reached(pfsm: Pfsm, out: frozenset[Element]) -> list[int]:
     """The states that can be reached from the initial one without some elements."""
     found, waiting = set(), {0}

@@ -14,6 +14,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     ),
     "lint": LazyVerb("mercator_design.cli.machines.lint", "Find what is wrong or superfluous in a PFSM."),
     "show": LazyVerb("mercator_design.cli.machines.show", "Draw a PFSM, or write it in another form.", is_light=True),
+    "simplify": LazyVerb("mercator_design.cli.machines.simplify", "Remove states and transitions that do not matter."),
 }
 
 

@@ -37,6 +37,20 @@ def paired_p_value(differences: ArrayLike) -> float:
     return float(2 * stdtr(len(values) - 1, -abs(float(values.mean())) / error))
 
 
+def worse_p_value(differences: ArrayLike, margin: float) -> float:
+    """The p-value of the hypothesis that costs are higher by a margin or more (non-inferiority, one-sided, paired t).
+
+    Args:
+        differences: The costs of one minus those of another, on the same instances.
+        margin: The smallest difference that matters, not negative.
+    """
+    values = np.asarray(differences, dtype=float)
+    error = float(values.std(ddof=1)) / math.sqrt(len(values))
+    if error == 0:
+        return 0.0 if values[0] < margin or values[0] <= 0.0 else 1.0
+    return float(stdtr(len(values) - 1, (float(values.mean()) - margin) / error))
+
+
 def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K]] | None = None) -> list[Pair]:
     """Compare scores by instance, pair by pair; p-values have Holm's correction for all pairs.
 

@@ -1,8 +1,15 @@
 """The viewer in a browser: it decodes what the simulator did, draws it, and asks for nothing."""
 
+import json
+
 import numpy as np
 import pytest
+from PIL import Image
 
+import mercator_design as md
+from mercator_design.missions.floor_kernels import colours_at
+from mercator_design.sim.simulate import Simulator
+from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.page import ReplayPage
 from tests.view.browser import CHROMIUM, browser
 
@@ -117,3 +124,57 @@ def test_playing_to_the_end(opened, cleaning):
 
 def test_browser_that_cannot_inflate(opened, shown):
     assert np.abs(np.array(opened.evaluate(AGAIN)[:2]) - shown.trace.poses[-1, 0, :2]).max() < 0.001
+
+
+FLOOR = """(() => {
+  const { stage } = player.scenes[0], { canvas } = stage, cycle = player.cycles;
+  stage.resize();
+  const context = canvas.getContext("2d"), { scale, middle } = stage.view(cycle);
+  const place = ([x, y]) => [canvas.width / 2 + scale * (x - middle[0]), canvas.height / 2 - scale * (y - middle[1])];
+  const [left, top] = place([0, 0]);
+  context.setTransform(scale, 0, 0, -scale, left, top);
+  stage.drawFloor(context, cycle);
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  return %s.map(place).map(([x, y]) => {
+    const k = 4 * (Math.floor(y) * canvas.width + Math.floor(x));
+    return [data[k], data[k + 1], data[k + 2]];
+  });
+})()"""
+EVERY_ZONE = """
+schema: 1
+robots: 1
+duration: 1
+arena: {walls: {shape: polygon, vertices: [[-2, -1.5], [2, -1.5], [2, 1.5], [-2, 1.5]]}}
+placement: {shape: disc, radius: 0.5}
+floor:
+  background: gray
+  image: {path: floor.png, center: [-1, 0.5], size: [1.5, 1]}
+  zones:
+    - {shape: half_plane, point: [1.5, 0], normal: [1, 0.3], color: blue}
+    - {shape: disc, center: [-1, -1], radius: 0.4, color: black}
+    - {shape: ring, center: [0.3, 0.3], radius: 0.5, inner_radius: 0.3, color: white}
+    - {shape: rectangle, center: [0.5, -1], size: [1, 0.5], angle: 0.5, color: red}
+    - {shape: polygon, vertices: [[-0.5, -0.9], [0, -0.7], [-0.3, -0.2]], color: green}
+objective: {name: path_length, direction: maximise}
+"""
+
+
+def test_floor_of_every_kind_of_zone(page, tmp_path):
+    pixels = np.random.default_rng(1).integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "floor.png")
+    (tmp_path / "mission.yaml").write_text(EVERY_ZONE)
+    mission = md.load_mission(str(tmp_path / "mission.yaml"))
+    shown = ShownExperiment.simulated(Simulator(mission), md.parse_fsm("--nstates 1 --s0 1"), seed=1)
+    assert len({row[0] for row in shown.trace.floor.zones}) == 5
+    ReplayPage([shown]).save(tmp_path / "page.html")
+    page.open(tmp_path / "page.html")
+    page.evaluate(READY)
+    page.evaluate(
+        "new Promise((done) => (function look() {"
+        "player.scenes[0].stage.floor.image.complete ? done() : setTimeout(look, 5); })())"
+    )
+    points = np.random.default_rng(2).uniform((-1.9, -1.4), (1.9, 1.4), (2000, 2))
+    drawn = np.array(page.evaluate(FLOOR % json.dumps(points.tolist())))
+    differ = np.abs(drawn - colours_at(shown.trace.floor, points)).max(axis=1) > 3.0
+    assert differ.mean() < 0.03  # at the edges
+    assert page.complaints == []

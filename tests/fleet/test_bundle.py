@@ -65,6 +65,18 @@ def test_the_command_line(application, python):
     assert run(python, application, "twin").stderr.startswith(words)
 
 
+def test_it_reads_a_pfsm_with_names(application, python, tmp_path):
+    """Robots get a copy of an fsm.yaml as fsm.txt."""
+    text = "schema: 1\nstates:\n- {name: a, behaviour: exploration, tau: 20}\n"
+    (tmp_path / "fsm.txt").write_text(text)
+    done = run(python, application, "run", "fsm.txt", "--robot", "none.yaml", folder=tmp_path)
+    assert "none.yaml: no such file" in done.stderr
+    (tmp_path / "fsm.txt").write_text(text.replace("20", "200"))
+    done = run(python, application, "run", "fsm.txt", folder=tmp_path)
+    words = "Error: fsm.txt:3: states[0].tau: expected a whole number >= 0 and <= 100 [cycles], found"
+    assert (done.returncode, done.stderr.startswith(words)) == (3, True)
+
+
 @pytest.mark.timing
 def test_a_run_and_its_replay(application, python, tmp_path):
     in_time(lambda number: a_run_and_its_replay(application, python, tmp_path / str(number)))

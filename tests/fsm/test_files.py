@@ -167,6 +167,30 @@ def test_mistakes_name_their_line(tmp_path, old, new, message):
         read_fsm(path)
 
 
+def test_no_text_makes_the_reader_fail_otherwise():
+    draws, names = (
+        random.Random(4),
+        ["x", "1", "[", "&a", "*a", "!!python/object:os.system", "<script>", "\u202e", "\x1b[2J"],
+    )
+    lines = fsm_yaml_text(FsmFile(pfsm=parse(PUBLISHED["watermelon"]["W9"]), header={"mission": "home"})).splitlines()
+    outcomes: set[object] = set()
+    for _ in range(200):
+        changed = lines.copy()
+        for _ in range(draws.randint(1, 3)):
+            k = draws.randrange(len(changed))
+            key, colon, value = changed[k].partition(":")
+            odd = draws.choice(
+                [f"{key}{colon} {draws.choice(names)}", value, f"  {changed[k]}", f"{key}{colon} {'9' * 10_000}"]
+            )
+            changed[k : k + draws.randint(0, 2)] = [odd]
+        try:
+            from_yaml("\n".join(changed))
+            outcomes.add("read")
+        except FsmError as error:
+            outcomes |= {message.startswith("fsm.yaml") and message.isprintable() for message in error.messages}
+    assert outcomes == {"read", True}
+
+
 def test_all_mistakes_are_reported_at_once():
     with pytest.raises(FsmError) as error:
         from_yaml(GOOD.replace("20", "200").replace("blue", "pink"))

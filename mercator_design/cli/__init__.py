@@ -30,7 +30,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
     "record": LazyVerb("mercator_design.cli.record", "Run one experiment and write its trace."),
     "replay": LazyVerb("mercator_design.cli.views.replay", "Show an experiment as a page, film or picture."),
-    "report": LazyVerb("mercator_design.cli.races.report", "Write the report of a race as a page."),
+    "report": LazyVerb("mercator_design.cli.races.report", "Write the report of a race as a page, or follow a race."),
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),

@@ -117,16 +117,17 @@ def _discard(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def print_result(result: object, *, nl: bool = True, exact: bool = False) -> None:
+def print_result(result: object, *, nl: bool = True, exact: bool = False, err: bool = False) -> None:
     """Print a result on stdout, without characters that control a terminal.
 
     Args:
         result: Printed as text.
         nl: Whether to add a newline.
         exact: Whether to print it unchanged if stdout is not a terminal, as for the contents of a file.
+        err: Whether to print it on stderr, because stdout is for something else.
     """
     text = str(result)
-    click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl)
+    click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl, err=err)
 
 
 def print_message(message: str) -> None:
@@ -135,6 +136,13 @@ def print_message(message: str) -> None:
         click.echo(printable(message), file=sys.stderr, err=True)  # a progress bar may replace sys.stderr
     except OSError:  # for example, the terminal was closed
         _discard(sys.stderr)
+
+
+def print_note(note: str) -> None:
+    """Print a note on stderr, unless the command has the option --quiet."""
+    context = click.get_current_context(silent=True)
+    if context is None or not context.params.get("quiet"):
+        print_message(note)
 
 
 def print_error(error: MercatorError) -> None:

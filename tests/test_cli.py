@@ -52,7 +52,7 @@ class TestRace:
         folder = tmp_path / "results"
         code, out, err = mdesign("race", "aggregation", "--budget", 400, "--seed", 7, "-j", 2, "-o", folder, *QUICK)
         assert code == 0
-        assert all(line.startswith(("Compiling", "Note: iteration")) for line in err.splitlines())
+        assert all(line.startswith(("Compiling", "Note: iteration", "aggregation: ")) for line in err.splitlines())
         assert sorted(file.name for file in folder.iterdir()) == [
             "fsm.txt", "journal.jsonl", "mission.yaml", "provenance.json", "results.csv", "robot_model.yaml",
         ]  # fmt: skip

@@ -90,7 +90,7 @@ def check(folder, run):
 
 
 def test_it_compares_all_that_are_alive(mdesign, folder, tmp_path):
-    code, out, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")
+    code, out, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r", "--progress", "none")
     assert (code, err) == (0, "")
     record, revised = check(folder, tmp_path / "r")
     assert revised > 0

@@ -81,8 +81,8 @@ def digest(folder):
 
 
 def warnings(err):
-    """The lines on stderr that are no notes on iterations: races as short as these hardly tell anything apart."""
-    return [line for line in err.splitlines() if not line.startswith("Note: iteration ")]
+    """The lines on stderr but progress and notes on iterations: races as short as these hardly tell anything apart."""
+    return [line for line in err.splitlines() if not line.startswith(("Note: iteration ", "aggregation: "))]
 
 
 def stop(folder, number):

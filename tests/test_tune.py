@@ -79,7 +79,7 @@ def digest(run):
 class TestTune:
     def test_to_the_best(self, mdesign, folder, monkeypatch):
         monkeypatch.chdir(folder)
-        code, out, err = mdesign("tune", "scenario.txt")
+        code, out, err = mdesign("tune", "scenario.txt", "--progress", "none")
         assert (code, err) == (0, "")
         assert "Scenario   sharpen, seed 3; scores are costs: lower is better\n" in out
         assert "of 110 experiments, " in out

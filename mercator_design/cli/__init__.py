@@ -1,6 +1,6 @@
 """The command `mdesign`; each verb has its file.
 
-Results go to stdout or named files; progress and messages go to stderr, progress only to a terminal. Exit codes:
+Results go to stdout or named files; progress and messages go to stderr. Exit codes:
 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted, 141
 the output was not read to its end. A verb is loaded when it is used, so `--help` is quick.
 """
@@ -36,6 +36,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),
+    "watch": LazyVerb("mercator_design.cli.races.watch", "Follow a race that another process runs."),
 }
 
 

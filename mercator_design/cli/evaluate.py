@@ -7,13 +7,13 @@ import click
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import JOBS, JSON, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.options import JOBS, JSON, MISSION, PLUGIN, PROGRESS, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_note, print_result, read_controller, warn
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.progress import Display
+from mercator_design.report.progress import Display, Mode
 from mercator_design.report.summary import evaluation_json, evaluation_summary
 from mercator_design.sim.simulate import Simulator
 
@@ -41,6 +41,7 @@ from mercator_design.sim.simulate import Simulator
 @SET
 @PLUGIN
 @JSON
+@PROGRESS
 @click.option(
     "--cost",
     "cost_alone",
@@ -60,6 +61,7 @@ def evaluate(
     lenient: bool,
     overrides: tuple[str, ...],
     as_json: bool,
+    progress: Mode,
     cost_alone: bool,
 ) -> None:
     """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
@@ -77,9 +79,11 @@ def evaluate(
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
         warn_of_no_effect(simulator, pfsm.flavour, pfsm)
-    simulator.rehearse(announce=ignore if cost_alone else print_message)
+    simulator.rehearse(announce=ignore if cost_alone else print_note)
     seeds = instances or fresh_instances(seed, runs)
-    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", len(seeds)) as display:
+    if cost_alone and progress == "auto":
+        progress = "none"
+    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", len(seeds), progress) as display:
 
         def watch(done: int) -> None:
             display.show(done)

@@ -10,6 +10,7 @@ import click
 from mercator_design.cli.inputs import load_plugins
 from mercator_design.command import FILE
 from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.report.progress import MODES
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -63,6 +64,25 @@ def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as
         metavar="FILE.py",
         help="Python file with more objectives or floor dynamics for missions. May be repeated.",
     )(with_plugins)
+
+
+def PROGRESS(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
+    """The options --progress and --quiet of a verb, which gets the mode as `progress`."""
+
+    @functools.wraps(verb)
+    def with_mode(*arguments: object, quiet: bool, **given: Any) -> None:  # noqa: ANN401 - the verb's
+        verb(*arguments, **given | ({"progress": "none"} if quiet else {}))
+
+    progress = click.option(
+        "--progress",
+        type=click.Choice(MODES),
+        default="auto",
+        show_default=True,
+        help="How to show progress on stderr: rich: as a moving line; plain: as lines, at each iteration's end and at "
+        "least every 30 s; auto: rich on a terminal, else plain.",
+    )
+    quiet = click.option("-q", "--quiet", is_flag=True, help="Show no progress and no notes on stderr, only warnings.")
+    return progress(quiet(with_mode))
 
 
 class PictureFile(click.Path):

@@ -24,6 +24,8 @@ JOURNAL = "journal.jsonl"
 _MAX_SIZE = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """The tasks, by their names in the start of a race."""
+RESUMED_BY: Mapping[str, str] = {"mission": "mdesign race", "scenario": "mdesign tune"}
+"""The commands that resume the races of tasks."""
 _START: Mapping[str, Kind] = {
     "mercator_design": str,
     "name": str,

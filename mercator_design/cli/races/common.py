@@ -1,5 +1,6 @@
 """Shared by the verbs race and tune: new and resumed races, their folders, failures, signals."""
 
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -11,19 +12,19 @@ from click.core import ParameterSource
 from mercator_design.cli.options import FOLDER
 from mercator_design.cli.races.reporting import write_report
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import print_message, print_result
+from mercator_design.command import print_message, print_note, print_result
 from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded
+from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, to_json
 from mercator_design.race.running.executors import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.report.columns import with_notes_wrapped
 from mercator_design.report.page.page import REPORT
-from mercator_design.report.progress import RaceDisplay
+from mercator_design.report.progress import Mode, RaceDisplay
 from mercator_design.report.summary import race_summary
-from mercator_design.runs.files import read_provenance
+from mercator_design.runs.files import RESUMED_BY, read_provenance
 from mercator_design.runs.folder import RunFolder
 
 _MAX_WARNINGS = 10
@@ -46,6 +47,11 @@ ON_FAILURE = click.option(
     default="stop",
     show_default=True,
     help="Effect of an experiment that fails: stop the race, or reject its configuration.",
+)
+JSON_LINES = click.option(
+    "--json-lines",
+    is_flag=True,
+    help="Print each event of the race on stdout as a line of JSON, and the summary on stderr.",
 )
 OPTUNA = click.option(
     "--optuna",
@@ -93,8 +99,7 @@ def reopen(path: Path, task: str) -> RunFolder:
     """Open the folder of a race to resume, of the given task."""
     found = str(read_provenance(path).race["task"])
     if found != task:
-        verb = {"mission": "race", "scenario": "tune"}[found]
-        raise click.UsageError(f"{path} is the race of a {found}: resume it with mdesign {verb} --resume")
+        raise click.UsageError(f"{path} is the race of a {found}: resume it with {RESUMED_BY[found]} --resume")
     return RunFolder.reopen(path)
 
 
@@ -118,6 +123,8 @@ def run(
     *,
     on_failure: OnFailure,
     optuna: str | None,
+    progress: Mode,
+    json_lines: bool,
     interrupt: Interrupt,
     reports: bool,
     proof_runs: int | None = None,
@@ -130,13 +137,15 @@ def run(
         executor_name: The name of the executor, for the journal.
         on_failure: As in `RaceRun`.
         optuna: Optuna storage to copy the race into.
+        progress: How to show the progress.
+        json_lines: Whether to print the events on stdout, and the summary on stderr.
         interrupt: Handles signals that stop the race.
         reports: Whether to write the report.
         proof_runs: As in `write_report`.
     """
     record, jobs = folder.journal.record, executor.jobs
     for note in folder.journal.notes:
-        print_message(f"Note: {note}")
+        print_note(f"Note: {note}")
     folder.journal.open_session(executor_name, jobs)
     experiments, tests = len(record.experiments), len(record.tests)
     resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
@@ -147,10 +156,15 @@ def run(
     try:
         with (
             executor,
-            RaceDisplay(folder.task, record.budget, folder.testing) as display,
+            RaceDisplay(folder.task, record.budget, folder.testing, progress) as display,
             _mirror(optuna, folder) as mirror,
         ):
+            display.known = experiments
+            if json_lines:
+                print_result(json.dumps({"event": "start", **record.start}))
             for event in race:
+                if json_lines:
+                    print_result(json.dumps(to_json(event)))
                 display.note(event)
                 if mirror is not None:
                     mirror.note(event)
@@ -176,12 +190,14 @@ def run(
     try:
         folder.finish(race.result, seconds=round(display.seconds, 3))
     finally:
-        print_result(with_notes_wrapped(summary, terminal_width()), nl=False)
+        print_result(with_notes_wrapped(summary, terminal_width()), nl=False, err=json_lines)
     if reports:
-        _report(folder, proof_runs, jobs, interrupt)
+        _report(folder, proof_runs, jobs, progress, interrupt, err=json_lines)
 
 
-def _report(folder: RunFolder, proof_runs: int | None, jobs: int, interrupt: Interrupt) -> None:
+def _report(
+    folder: RunFolder, proof_runs: int | None, jobs: int, progress: Mode, interrupt: Interrupt, *, err: bool
+) -> None:
     """Write the report of a race that has ended; if that is not possible, the race's results stay."""
     output, later = folder.path / REPORT, f"to write it: {shlex.join(['mdesign', 'report', str(folder.path)])}"
     try:
@@ -191,6 +207,7 @@ def _report(folder: RunFolder, proof_runs: int | None, jobs: int, interrupt: Int
             task=folder.task,
             proof_runs=proof_runs,
             jobs=min(jobs, available_jobs()),
+            progress=progress,
             stopped=interrupt.came,
         )
     except ExecutorStopped:
@@ -199,7 +216,7 @@ def _report(folder: RunFolder, proof_runs: int | None, jobs: int, interrupt: Int
     except Exception as error:  # noqa: BLE001 - whatever is wrong with the report, the race is right
         print_message(f"Warning: the report is not written: {described(error)}; {later}")
     else:
-        print_result(f"Report     {output}")
+        print_result(f"Report     {output}", err=err)
 
 
 class _Messages:
@@ -222,7 +239,7 @@ class _Messages:
                         f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}"
                     )
             case IterationEnded() if event.note and event.iteration not in self._known_iterations:
-                print_message(f"Note: iteration {event.iteration}: {event.note}")
+                print_note(f"Note: iteration {event.iteration}: {event.note}")
 
 
 def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[OptunaMirror | None]:

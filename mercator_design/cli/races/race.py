@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import DESIGN_FLAVOUR, JOBS, PLUGIN, SEED, SET
+from mercator_design.cli.options import DESIGN_FLAVOUR, JOBS, PLUGIN, PROGRESS, SEED, SET
 from mercator_design.cli.races.common import (
+    JSON_LINES,
     NOTICE,
     ON_FAILURE,
     OPTUNA,
@@ -23,12 +24,13 @@ from mercator_design.cli.races.common import (
 )
 from mercator_design.cli.races.reporting import NO_REPORT, PROOF_RUNS
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import NumberRange, print_message
+from mercator_design.command import NumberRange, print_note
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.executors import Executor, ProcessExecutor, ThreadExecutor, available_jobs
 from mercator_design.race.running.outcome import OnFailure
+from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
@@ -79,6 +81,8 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 @NO_REPORT
 @PROOF_RUNS
 @OPTUNA
+@PROGRESS
+@JSON_LINES
 @SET
 @PLUGIN
 @click.pass_context
@@ -102,6 +106,8 @@ def race(
     no_report: bool,
     proof_runs: int | None,
     optuna: str | None,
+    progress: Mode,
+    json_lines: bool,
     overrides: tuple[str, ...],
 ) -> None:
     """Design control software for MISSION, by iterated F-race unless another method is chosen.
@@ -125,7 +131,7 @@ def race(
         warn_of_mission(simulator, refuse=True)
         designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
         warn_of_no_effect(simulator, flavour)
-        simulator.rehearse(announce=print_message)
+        simulator.rehearse(announce=print_note)
         request = Request(
             mission=mission, set=overrides, flavour=flavour, method=method, executor=executor_name, jobs=executor.jobs
         )
@@ -135,13 +141,15 @@ def race(
             if budget is not None:
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
-            folder.task.prepare(print_message)
+            folder.task.prepare(print_note)
         run(
             folder,
             executor,
             executor_name,
             on_failure=on_failure,
             optuna=optuna,
+            progress=progress,
+            json_lines=json_lines,
             interrupt=interrupt,
             reports=not no_report,
             proof_runs=proof_runs,
@@ -171,7 +179,7 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
         from mercator_design.race.running.dask_executor import DaskExecutor
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
-        return DaskExecutor(scheduler, jobs, announce=lambda what: print_message(f"Note: {what}"))
+        return DaskExecutor(scheduler, jobs, announce=lambda what: print_note(f"Note: {what}"))
     if name == "processes":
         return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
     return ThreadExecutor(jobs or available_jobs())

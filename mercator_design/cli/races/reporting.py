@@ -7,13 +7,13 @@ from typing import Any
 import click
 
 from mercator_design.analysis.proof import Proof, default_runs, prove, read_proof
-from mercator_design.command import print_message
+from mercator_design.command import print_note
 from mercator_design.errors import RaceError
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.page import REPORT, report_page
-from mercator_design.report.progress import Display
+from mercator_design.report.progress import Display, Mode
 from mercator_design.runs.files import JOURNAL, restored
 from mercator_design.system.files import write_text, writing
 
@@ -36,6 +36,7 @@ def write_report(
     task: Task[Any] | None = None,
     proof_runs: int | None = None,
     jobs: int | None = None,
+    progress: Mode = "auto",
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
     """Write the report of a race, and run the experiments of its proof if they have not run.
@@ -46,6 +47,7 @@ def write_report(
         task: The task, if this process has run the race.
         proof_runs: Number of fresh instances. [default: those of the proof in the folder, else a tenth of the budget]
         jobs: Experiments run at once. [default: the cores of this machine]
+        progress: How to show the progress of experiments.
         stopped: Returns whether to stop; called before each experiment.
 
     Raises:
@@ -53,7 +55,7 @@ def write_report(
         MercatorError: There is no race, an experiment failed, or a file cannot be written.
     """
     facts = Facts.read(folder, task=task)
-    proof, without = _proof(facts, proof_runs, jobs, stopped, is_own=task is not None)
+    proof, without = _proof(facts, proof_runs, jobs, progress, stopped, is_own=task is not None)
     page = report_page(facts, proof, without)
     with writing(output):
         write_text(output, page)
@@ -75,7 +77,7 @@ def latest_report(folder: Path) -> str:
 
 
 def _proof(
-    facts: Facts, runs: int | None, jobs: int | None, stopped: Callable[[], bool], *, is_own: bool
+    facts: Facts, runs: int | None, jobs: int | None, progress: Mode, stopped: Callable[[], bool], *, is_own: bool
 ) -> tuple[Proof | None, str]:
     """The proof of a race that has ended, or why there is none."""
     designer, record = facts.designer, facts.record
@@ -91,9 +93,10 @@ def _proof(
             restored(facts.folder)
     except RaceError as error:
         return known, f"The winner was not compared with others on fresh instances: {error.messages[0]}"
-    designer.prepare(print_message)
+    designer.prepare(print_note)
     runs = runs or default_runs(designer, record)
-    with ThreadExecutor(jobs or available_jobs()) as executor, Display("report: comparing the winner", 0) as display:
+    display = Display("report: comparing the winner", 0, progress)
+    with ThreadExecutor(jobs or available_jobs()) as executor, display:
 
         def watch(done: int, total: int) -> None:
             display.show(done, total=total)

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
+from mercator_design.cli.options import PROGRESS
 from mercator_design.cli.races.common import (
+    JSON_LINES,
     NOTICE,
     ON_FAILURE,
     OPTUNA,
@@ -20,7 +22,7 @@ from mercator_design.cli.races.common import (
 )
 from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, print_message, print_result
+from mercator_design.command import FILE, print_note, print_result
 from mercator_design.errors import MercatorError, printable
 from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
@@ -32,6 +34,7 @@ from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected, ThreadExecutor
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.report.columns import aligned, csv_text
+from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.system.files import write_text, writing
@@ -85,6 +88,8 @@ _FIXED = (
 @ON_FAILURE
 @NO_REPORT
 @OPTUNA
+@PROGRESS
+@JSON_LINES
 @click.pass_context
 def tune(
     context: click.Context,
@@ -104,6 +109,8 @@ def tune(
     on_failure: OnFailure,
     no_report: bool,
     optuna: str | None,
+    progress: Mode,
+    json_lines: bool,
 ) -> None:
     """Find parameters of the program of SCENARIO, irace's scenario.txt.
 
@@ -131,7 +138,7 @@ def tune(
         )
         tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
         for note in tuner.optimizer.notes:
-            print_message(f"Note: {note}")
+            print_note(f"Note: {note}")
         if check:
             _check(tuner)
             return
@@ -155,6 +162,8 @@ def tune(
             "threads",
             on_failure=on_failure,
             optuna=optuna,
+            progress=progress,
+            json_lines=json_lines,
             interrupt=interrupt,
             reports=not no_report,
         )
@@ -212,7 +221,7 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
         raise MercatorError(f"{tuner.scenario.path}: expected test instances for --only-test ({expected}), found none")
     configurations, notes = read_configurations(file, tuner.scenario.space)
     for note in notes:
-        print_message(f"Note: {note}")
+        print_note(f"Note: {note}")
     if not configurations:
         raise MercatorError(f"{file}: expected configurations, found none")
     with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:

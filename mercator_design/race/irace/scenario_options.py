@@ -69,7 +69,7 @@ OPTIONS: Mapping[str, Option] = {
     "loadBalancing": Option("flag", True, ignored="an idle worker takes the next experiment"),
     "mpi": Option("flag", False, refused=_ONE_RUNNER),
     "batchmode": Option("text", "0", refused="let targetRunner wait for its job (as sbatch --wait does)"),
-    "quiet": Option("flag", False, ignored="progress is shown on a terminal only"),
+    "quiet": Option("flag", False, ignored="use mdesign tune --quiet"),
     "debugLevel": Option("count", 0, ignored="the journal has all events"),
     "seed": Option("count"),
     "softRestart": Option("flag", True, ours="soft_restart"),

@@ -40,6 +40,11 @@ class Testing:
         elites = [race.elites, *(i.elites for i in reversed(race.iterations) if self.iterations)]
         return list(dict.fromkeys(elite.configuration for few in elites for elite in few[: self.elites]))
 
+    def n_tests(self, elites: Sequence[Sequence[int]]) -> int:
+        """The number of all tests, given the elites of each iteration that has ended, best first."""
+        tested = elites if self.iterations else elites[-1:]
+        return self.runs * len({number for few in tested for number in few[: self.elites]})
+
     def experiments(self, race: Optimizer) -> list[Experiment]:
         """All tests, in their order; test instances are counted from 0."""
         return [Experiment(c, instance) for c in self.configurations(race) for instance in range(self.runs)]

@@ -28,7 +28,7 @@ import os
 import socket
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -45,15 +45,53 @@ _FIRST = "0" * 8
 """The checksum of the line before the first one."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Reading:
-    """The contents of a journal's file."""
+    """The contents of a journal's file so far; `read_on` reads what another process has appended to it."""
 
-    record: Record
-    length: int  # of its complete lines [bytes]
-    lines: int  # number of complete lines
-    torn: str  # what is wrong with the rest of the file; empty if there is no rest
-    last: str  # checksum of the last complete line
+    path: Path
+    record: Record = field(default_factory=Record)
+    length: int = 0  # of its complete lines [bytes]
+    lines: int = 0  # number of complete lines
+    torn: str = ""  # what is wrong with the rest of the file; empty if there is no rest
+    last: str = _FIRST  # checksum of the last complete line
+
+    def read_on(self) -> list[Event]:
+        """Read further lines and return their events, without the start of the race.
+
+        Raises:
+            RaceError: The file cannot be read, or is corrupt before its end; with the line.
+        """
+        path, events, n_ends = self.path, list[Event](), len(self.record.ends)
+        self.torn = ""
+        try:
+            if path.exists() and not path.is_file():  # opening a pipe would wait
+                raise RaceError(f"{path}: expected a regular file, found a folder, device or pipe")
+            with path.open("rb") as file:
+                if file.seek(0, os.SEEK_END) < self.length:
+                    raise RaceError(f"{path}: expected at least {self.length} bytes, as before, found fewer")
+                file.seek(self.length)
+                for number, line in enumerate(file, start=self.lines + 1):
+                    try:
+                        data = from_line(line)
+                    except ValueError as error:
+                        self.torn = self.torn or f"line {number}: {error}"
+                        continue
+                    if self.torn:  # this line is complete and comes after it
+                        raise RaceError(f"{path}, {self.torn}; {_advice(self.lines)}")
+                    try:
+                        events += _take(self.record, data, self.last)
+                    except RaceError as error:
+                        raise RaceError(f"{path}, line {number}: {error}; {_advice(self.lines)}") from None
+                    self.length += len(line)
+                    self.lines, self.last = number, checksum(line)
+        except OSError as error:
+            raise RaceError(f"{path}: cannot be read: {error.strerror or error}") from None
+        for place, end in enumerate(self.record.ends[n_ends:], start=n_ends + 1):
+            if (found := self.record.digest(place)) != end.digest:
+                expected = f"expected {end.digest}, found {found}"
+                raise RaceError(f"{path}: digest of the first {end.experiments} experiments: {expected}")
+        return events
 
 
 def read(path: Path) -> Reading:
@@ -62,32 +100,9 @@ def read(path: Path) -> Reading:
     Raises:
         RaceError: It cannot be read, or is corrupt before its end; with the line.
     """
-    record, length, lines, torn, before = Record(), 0, 0, "", _FIRST
-    try:
-        if path.exists() and not path.is_file():  # opening a pipe would wait
-            raise RaceError(f"{path}: expected a regular file, found a folder, device or pipe")
-        with path.open("rb") as file:
-            for number, line in enumerate(file, start=1):
-                try:
-                    data = from_line(line)
-                except ValueError as error:
-                    torn = torn or f"line {number}: {error}"
-                    continue
-                if torn:  # this line is complete and comes after it
-                    raise RaceError(f"{path}, {torn}; {_advice(lines)}")
-                try:
-                    _take(record, data, before)
-                except RaceError as error:
-                    raise RaceError(f"{path}, line {number}: {error}; {_advice(lines)}") from None
-                length += len(line)
-                lines, before = number, checksum(line)
-    except OSError as error:
-        raise RaceError(f"{path}: cannot be read: {error.strerror or error}") from None
-    for place, end in enumerate(record.ends, start=1):
-        if (found := record.digest(place)) != end.digest:
-            expected = f"expected {end.digest}, found {found}"
-            raise RaceError(f"{path}: digest of the first {end.experiments} experiments: {expected}")
-    return Reading(record, length, lines, torn, before)
+    reading = Reading(path)
+    reading.read_on()
+    return reading
 
 
 def _advice(lines: int) -> str:
@@ -98,8 +113,8 @@ def _advice(lines: int) -> str:
     return advice
 
 
-def _take(record: Record, data: dict[str, Any], before: str) -> None:
-    """Add the event of a line."""
+def _take(record: Record, data: dict[str, Any], before: str) -> list[Event]:
+    """Add the event of a line, and return it unless it is the start."""
     is_start = data.get("event") == "start"
     if (data if is_start else record.start).get("format") != 1:
         after = data.pop("after", None)
@@ -111,8 +126,10 @@ def _take(record: Record, data: dict[str, Any], before: str) -> None:
     if is_start:
         del data["event"]
         record.begin(data)
-    else:
-        record.note(event_of(data))
+        return []
+    event = event_of(data)
+    record.note(event)
+    return [event]
 
 
 class Journal:

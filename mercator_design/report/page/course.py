@@ -13,6 +13,7 @@ from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, lin
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
+_MAX_NOTES = 3
 _FEW = 4
 """Scores below this number have intervals so wide that little else would be seen: they are cut off."""
 
@@ -29,8 +30,13 @@ def course(facts: Facts) -> Html:
         row_of(*charts) if len(found) > 1 else _table(found),
         _elites(facts),
         folded("All iterations as a table", _table(found)) if len(found) > 1 else "",
-        *(note(f"Iteration {one.ended.iteration}: {one.ended.note}") for one in found if one.ended.note),
+        _notes(found),
     )
+
+
+def _notes(found: list[Incumbent]) -> Html:
+    notes = [note(f"Iteration {one.ended.iteration}: {one.ended.note}") for one in found if one.ended.note]
+    return Html("".join(notes[:_MAX_NOTES]) + (folded("More notes", *notes[_MAX_NOTES:]) if notes[_MAX_NOTES:] else ""))
 
 
 def _budget(facts: Facts) -> Html:
@@ -103,8 +109,8 @@ def _convergence(facts: Facts) -> Html:
         return Html()
     caption = (
         "How the sampling converged: how different the new configurations of an iteration are; 1 as if drawn at "
-        "random, 0 if equal. Choices: the probability that two of them differ in a behaviour or condition; numbers: "
-        "their standard deviation."
+        "random, 0 if equal. Choices, as of behaviours and conditions: the probability that two of "
+        "them differ. Numbers: their standard deviation."
     )
     axes = Axis("iteration", whole=True), Axis("spread, relative to random", low=0.0)
     return figure(line_chart(lines, *axes), caption, facts.command)

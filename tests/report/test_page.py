@@ -1,8 +1,10 @@
 """The report of a race: its numbers are those of the race, texts of others appear as text, it needs nothing else."""
 
+import contextlib
 import errno
 import json
 import os
+import random
 import re
 import shutil
 from dataclasses import replace
@@ -16,6 +18,7 @@ from scipy.stats import ttest_rel
 from mercator_design.analysis import proof as proofs
 from mercator_design.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
 from mercator_design.cli.races import reporting
+from mercator_design.errors import MercatorError
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.racing.summary import Scores
@@ -26,6 +29,7 @@ from mercator_design.report.page import request as requests
 from mercator_design.report.page.choice import verdict
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.page import REPORT, report_page
+from tests.race.damage import damaged
 
 pytestmark = pytest.mark.together
 
@@ -235,6 +239,22 @@ class TestStages:
         page = Page(report_page(Facts.read(folder)))
         assert "mission.yaml" in page.text
         assert page.all("data-state")
+
+    @pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 1000), marks=pytest.mark.slow)])
+    def test_damaged_ones(self, folder, raced, seeds):
+        """They are shown, or refused with an error of ours."""
+        data = (raced / "journal.jsonl").read_bytes()
+        for seed in seeds:
+            (folder / "journal.jsonl").write_bytes(damaged(data, random.Random(seed))[0])
+            with contextlib.suppress(MercatorError):
+                report_page(Facts.read(folder)).encode()
+
+    def test_one_with_the_provenance_of_another(self, folder):
+        file = folder / "provenance.json"
+        file.write_text(file.read_text().replace('"flavour": "watermelon"', '"flavour": "chocolate"'))
+        facts = Facts.read(folder)
+        assert facts.task is None
+        assert "found another race" in Page(report_page(facts)).text
 
 
 class TestProof:

@@ -16,8 +16,17 @@ from mercator_design.race.running.journal import Reading
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
 from mercator_design.report.runs import run_of
-from mercator_design.runs.files import OtherVersion, read_journal, read_provenance, task_of
-from mercator_design.runs.provenance import Provenance
+from mercator_design.runs.files import (
+    JOURNAL,
+    TASKS,
+    OtherVersion,
+    check_configurations,
+    is_same,
+    read_journal,
+    read_provenance,
+    task_of,
+)
+from mercator_design.runs.provenance import PROVENANCE, Provenance
 
 MAX_ELITES = 8
 """Maximum number of elites that are compared."""
@@ -54,15 +63,21 @@ class Facts:
         reading = read_journal(folder)
         if not reading.record.start:
             raise RaceError(f"{folder}: no race has begun here yet")
-        run, notes, provenance = run_of(folder, reading), [], None
-        is_own = task is not None and reading.record.is_complete
+        record, run, notes, provenance = reading.record, run_of(folder, reading), [], None
+        is_own = task is not None and record.is_complete
         try:
             provenance = read_provenance(folder)
+            if not is_same({**provenance.race, "format": None}, {**record.start, "format": None}):
+                raise RaceError(f"{folder}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
             task = task or task_of(folder)
         except OtherVersion:
             raise
         except MercatorError as error:
             notes = [*error.messages]
+        if task is not None:
+            check_configurations(folder, record, task.optimizer.space)
+        else:
+            TASKS[str(record.start["task"])].check(record.start, list(record.configurations.values()))
         return cls(
             folder=folder,
             reading=reading,

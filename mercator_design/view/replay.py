@@ -52,7 +52,9 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "floor": _floor(trace),
         "zones": _zone_names(trace),
         "colours": [_hex(colour) for colour in STATE_COLOURS],
-        "machines": [{"states": shown.state_names(k), "diagram": diagram_svg(shown.pfsms[k])} for k in pfsms],
+        "machines": [
+            {"states": shown.state_names(k), "diagram": diagram_svg(shown.pfsms[k], narrow=True)} for k in pfsms
+        ],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),
     }

@@ -35,11 +35,12 @@ def crowded():
     return [*found[:12], *published]
 
 
+@pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("pfsm", crowded())
-def test_no_label_covers_a_box_or_another_label(pfsm):
+def test_no_label_covers_a_box_or_another_label(pfsm, narrow):
     names = state_names(pfsm)
     texts = [_box_lines(pfsm, k, names, None) for k in range(len(pfsm.states))]
-    layout = laid_out(texts, _arrows(pfsm, None))
+    layout = laid_out(texts, _arrows(pfsm, None), narrow=narrow)
     assert {(arrow.source, arrow.target) for arrow in layout.arrows} == {
         (i, edge.target) for i, state in enumerate(pfsm.states) for edge in state.transitions
     }

@@ -33,7 +33,12 @@ _STYLE = (
 
 
 def diagram_svg(
-    pfsm: Pfsm, names: Sequence[str] = (), *, measured: Occupancy | None = None, caption: Sequence[str] = ()
+    pfsm: Pfsm,
+    names: Sequence[str] = (),
+    *,
+    measured: Occupancy | None = None,
+    caption: Sequence[str] = (),
+    narrow: bool = False,
 ) -> str:
     """The picture of a PFSM as SVG text.
 
@@ -45,10 +50,11 @@ def diagram_svg(
         names: The names of its states.
         measured: What robots did with it, which is shown with the states and transitions.
         caption: Lines below the picture.
+        narrow: Whether the states are in a column, for the side of a page.
     """
     names = names or state_names(pfsm)
     texts = [_box_lines(pfsm, k, names, measured) for k in range(len(pfsm.states))]
-    layout = laid_out(texts, _arrows(pfsm, measured))
+    layout = laid_out(texts, _arrows(pfsm, measured), narrow=narrow)
     left, top, width, height = _frame(layout, caption)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" class="pfsm" role="img" aria-label="{escape(_summary(pfsm))}" '

@@ -89,15 +89,18 @@ def size_of(lines: Sequence[str]) -> tuple[float, float]:
     return _LETTER * max(map(len, lines), default=0) + 2.0 * _MARGIN, LINE * len(lines) + _MARGIN
 
 
-def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow]) -> Layout:
-    """The places of states with these lines in their boxes, and of arrows without places."""
+def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow: bool = False) -> Layout:
+    """The places of states with these lines in their boxes, and of arrows without places.
+
+    The states are in two rows, or in a column if the layout is to be narrow.
+    """
     sizes = [(max(96.0, width + 8.0), height + 8.0) for width, height in map(size_of, texts)]
     sized = [replace(arrow, block=Rectangle(0.0, 0.0, *_block_size(arrow))) for arrow in arrows]
     corners = _corners(len(texts), sized)
     gap = _ROOM
     for _ in range(_MOST_GROWTH):
-        boxes = _boxes(sizes, corners, gap)
-        routed = [_routed(arrow, boxes, sized) for arrow in sized]
+        boxes = _column(sizes, gap) if narrow else _boxes(sizes, corners, gap)
+        routed = [_routed(arrow, boxes, _away(arrow, boxes, sized, narrow=narrow)) for arrow in sized]
         placed, covered = _labelled(routed, boxes, beside_lines=False)
         if covered == 0.0:
             break
@@ -135,15 +138,36 @@ def _boxes(sizes: Sequence[tuple[float, float]], corners: Sequence[int], gap: fl
     return [Rectangle(*places[corner], *size) for corner, size in zip(corners, sizes, strict=True)]
 
 
-def _routed(arrow: Arrow, boxes: Sequence[Rectangle], arrows: Sequence[Arrow]) -> Arrow:
-    """An arrow with its path: a curve to the right of the straight line, so that the labels of there and back fit."""
-    a, b = boxes[arrow.source], boxes[arrow.target]
+def _column(sizes: Sequence[tuple[float, float]], gap: float) -> list[Rectangle]:
+    """The boxes of states one below the other."""
+    down = max(height for _, height in sizes) + gap
+    return [Rectangle(0.0, k * down, *size) for k, size in enumerate(sizes)]
+
+
+def _right(a: Rectangle, b: Rectangle) -> Point:
+    """The direction to the right of the line from one box to another."""
     length = math.dist(a[:2], b[:2])
-    right = Point(-(b.y - a.y) / length, (b.x - a.x) / length)
-    both = any((other.target, other.source) == (arrow.source, arrow.target) for other in arrows)
+    return Point(-(b.y - a.y) / length, (b.x - a.x) / length)
+
+
+def _away(arrow: Arrow, boxes: Sequence[Rectangle], arrows: Sequence[Arrow], *, narrow: bool) -> float:
+    """How far the bend of an arrow is to the right of the straight line, so that the labels of there and back fit."""
+    a, b = boxes[arrow.source], boxes[arrow.target]
+    if narrow:  # beside all boxes between the two
+        between = abs(arrow.source - arrow.target) - 1
+        return max(arrow.block.width + 10.0, (1.5 * max(box.width for box in boxes) + 30.0 * between) * (between > 0))
+    right = _right(a, b)
+    if not any((other.target, other.source) == (arrow.source, arrow.target) for other in arrows):
+        return 24.0
     is_slanted = min(abs(right.x), abs(right.y)) > 0.3  # then labels find room along the arrow
-    half = 0.5 * (abs(right.x) * arrow.block.width + abs(right.y) * arrow.block.height)
-    away = min(60.0 if is_slanted else 2.0 * half + 10.0, 0.9 * length) if both else 24.0
+    across = abs(right.x) * arrow.block.width + abs(right.y) * arrow.block.height
+    return min(60.0 if is_slanted else across + 10.0, 0.9 * math.dist(a[:2], b[:2]))
+
+
+def _routed(arrow: Arrow, boxes: Sequence[Rectangle], away: float) -> Arrow:
+    """An arrow with its path."""
+    a, b = boxes[arrow.source], boxes[arrow.target]
+    right = _right(a, b)
     bend = Point(0.5 * (a.x + b.x) + away * right.x, 0.5 * (a.y + b.y) + away * right.y)
     return replace(arrow, start=_border(a, bend), bend=bend, end=_border(b, bend))
 

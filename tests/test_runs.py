@@ -148,7 +148,8 @@ class TestResume:
     def test_whatever_its_method(self, mdesign, tmp_path, method):
         """Which is what the race began with."""
         folder = tmp_path / "r"
-        code, out, _ = mdesign("race", "aggregation", "--budget", 100, "--method", method, "-o", folder)
+        quick = ["--set", "robots=2", "--set", "duration=3"]
+        code, out, _ = mdesign("race", "aggregation", "--budget", 100, "--method", method, *quick, "-o", folder)
         expected = digest(folder)
         assert code == 0
         raced = re.search(rf"Race       {method}, \d+ of 100", out)[0]
@@ -824,8 +825,8 @@ def test_rounding_is_no_difference():
 def raced(tmp_path_factory, mdesign_once):
     """The folder of a race long enough to learn something from."""
     folder = tmp_path_factory.mktemp("analysis") / "r"
-    shorter = ["--set", "duration=40"]
-    mdesign_once("race", "aggregation", "--budget", 1000, "--method", "irace", *shorter, "-o", folder)
+    shorter = ["--set", "duration=20"]
+    mdesign_once("race", "aggregation", "--budget", 600, "--method", "irace", *shorter, "-o", folder)
     return folder
 
 

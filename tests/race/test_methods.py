@@ -57,7 +57,8 @@ def test_the_command_line_has_them_all():
 
 @pytest.mark.parametrize("method", METHODS)
 class TestConformance:
-    def test_the_whole_budget_is_used_and_never_more(self, method):
+    def test_the_whole_budget_is_used_and_never_more_and_it_finds_something_good(self, method):
+        """Random configurations cost 5.6 in the mean; a tenth of them less than 1.7."""
         for budget in (90, 311, 1000):
             race = race_of(method, budget=budget)
             told = run(race)  # checks each batch
@@ -65,11 +66,6 @@ class TestConformance:
             assert race.used > 0.95 * budget
             assert sum(iteration.used for iteration in race.iterations) == race.used
             assert len({e for e, _ in told}) == len(told)  # nothing runs twice
-
-    def test_it_finds_something_good(self, method):
-        """Random configurations cost 5.6 in the mean; a tenth of them less than 1.7."""
-        race = race_of(method, budget=1000)
-        run(race)
         assert mixed_cost(race.configurations[race.best.configuration]) < 1.7
 
     def test_same_seed_same_race(self, method):
@@ -77,7 +73,7 @@ class TestConformance:
         assert told[0] == told[1] != told[2]
 
     def test_configurations_are_valid_and_have_parents(self, method):
-        race = race_of(method, parse_space(machines_text()), budget=250)
+        race = race_of(method, parse_space(machines_text()), budget=150)
         run(race, cost=len)
         for configuration in race.configurations:
             race.space.check(configuration)
@@ -314,7 +310,7 @@ def test_optuna_prunes_what_is_worse(method):
 @pytest.mark.parametrize("method", ["tpe", "cma-es"])
 def test_optuna_learns(method):
     """Its last configurations are better than its first: by luck with a chance of 1e-7, as of 30 beside 30."""
-    race = race_of(method, budget=2000)
+    race = race_of(method, budget=1000)
     run(race)
     costs = [mixed_cost(c) for c in race.configurations]
     from scipy.stats import mannwhitneyu
@@ -329,7 +325,7 @@ def test_optuna_s_own_pruner_does_the_same():
 
     draws = np.random.default_rng(1)
     decisions = []
-    for _ in range(40):
+    for _ in range(15):
         race = search_of("random", budget=400, instances=8, generation=2, pruning=0.1)
         study = optuna.create_study(pruner=optuna.pruners.WilcoxonPruner())
         best = draws.integers(0, 4, 8)
@@ -344,7 +340,7 @@ def test_optuna_s_own_pruner_does_the_same():
             study.tell(trial, costs.mean())
             race.history.elites = [race.history.statistics(0)]
     assert all(ours == theirs for ours, theirs in decisions)
-    assert 20 < sum(ours for ours, _ in decisions) < 300
+    assert 10 < sum(ours for ours, _ in decisions) < 110
 
 
 def test_cma_es_needs_numbers():

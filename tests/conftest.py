@@ -21,6 +21,9 @@ sys.dont_write_bytecode = False
 # A race would end with seconds of drawing its report; tests of the report delete this.
 os.environ["MDESIGN_NO_REPORT"] = "1"
 
+# No test needs what it writes to survive a loss of power, and some would mostly wait for the disk.
+os.fsync = lambda file: os.fstat(file) and None
+
 _foreign = jit._foreign
 
 
@@ -43,8 +46,8 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("timing"):
             item.add_marker(pytest.mark.xdist_group("timing"))
-        elif item.get_closest_marker("together"):
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+        elif together := item.get_closest_marker("together"):
+            item.add_marker(pytest.mark.xdist_group(*together.args or [item.path.stem]))
 
 
 @pytest.fixture

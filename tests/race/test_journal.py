@@ -94,13 +94,12 @@ class TestResume:
         assert resumed(path) == (*EXPECTED, 0)
         assert path.read_bytes() == complete
 
-    def test_cut_at_every_byte_of_its_last_lines(self, tmp_path, monkeypatch):
+    def test_cut_at_every_byte_of_its_last_lines(self, tmp_path):
         """Each byte of the end and the last experiment, of a small race.
 
         At each, what is read are the whole lines before it. Resumed is at some: around the ends of lines, and between.
         """
         path = tmp_path / "journal.jsonl"
-        monkeypatch.setattr(os, "fsync", lambda file: None)  # which takes most of the time
         expected = resumed(path, budget=50)
         data = path.read_bytes()
         lines = data.splitlines(keepends=True)
@@ -111,7 +110,7 @@ class TestResume:
                 data[:length].count(b"\n"),
                 not data[:length].endswith(b"\n"),
             )
-            if length % 8 and b"\n" not in data[length - 2 : length + 2]:
+            if length % 20 and b"\n" not in data[length - 2 : length + 2]:
                 continue
             assert resumed(path, budget=50) == (*expected[:2], expected[2] - whole_experiments(data[:length]))
             assert path.read_bytes() == data
@@ -119,7 +118,7 @@ class TestResume:
     def test_cut_at_random_bytes(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
         draws = random.Random(1)
-        for length in [0, 1, *(draws.randrange(len(complete)) for _ in range(20))]:
+        for length in [0, 1, *(draws.randrange(len(complete)) for _ in range(10))]:
             path.write_bytes(complete[:length])
             assert resumed(path) == (*EXPECTED, RAN - whole_experiments(complete[:length]))
 
@@ -185,14 +184,14 @@ class TestResume:
         found = {}
         for place, event in enumerate(whole):
             kind = event["event"]
-            if kind == "experiment" and place % 5:  # enough of them
+            if kind in {"configuration", "experiment"} and place % 10:  # enough of them
                 continue
             for what, events in (
                 ("doubled", [*whole[:place], event, *whole[place:]]),
                 ("doubled later", [*whole, event]),
                 ("missing", [*whole[:place], *whole[place + 1 :]]),
             ):
-                if what == "doubled later" and place % 10:  # the same
+                if what == "doubled later" and place % 20:  # the same
                     continue
                 path.write_bytes(journal_of(events))
                 try:
@@ -293,7 +292,7 @@ class TestExtension:
         data = path.read_bytes()
         draws = random.Random(1)
         first = len(b"".join(data.splitlines(keepends=True)[:3]))  # with the budgets
-        for length in [draws.randrange(first, len(data)) for _ in range(10)]:
+        for length in [draws.randrange(first, len(data)) for _ in range(5)]:
             path.write_bytes(data[:length])
             assert resumed(path)[:2] == (longer.ends[-1].winner, longer.digest())
 

@@ -4,6 +4,7 @@ import time
 
 import optuna
 import pytest
+import sqlalchemy
 
 from mercator_design.race import IteratedRace
 from mercator_design.race.methods.table import METHODS
@@ -18,7 +19,14 @@ pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalW
 
 @pytest.fixture
 def url(tmp_path):
-    return f"sqlite:///{tmp_path / 'race.db'}"
+    """A storage, which here does not wait for the disk."""
+
+    def hasten(connection, _):
+        connection.execute("PRAGMA synchronous=OFF")
+
+    sqlalchemy.event.listen(sqlalchemy.Engine, "connect", hasten)
+    yield f"sqlite:///{tmp_path / 'race.db'}"
+    sqlalchemy.event.remove(sqlalchemy.Engine, "connect", hasten)
 
 
 def mirrored(url, record=None, *, budget=150, seed=1, method="surrogate", race=None, **options):
@@ -83,7 +91,7 @@ def test_optunas_own_tools_show_the_race(url):
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
     from optuna.visualization import matplotlib
 
-    record, _ = mirrored(url, budget=400, method="irace")
+    record, _ = mirrored(url, budget=250, method="irace")
     study = optuna.load_study(study_name="study", storage=url)
     complete = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
     points = matplotlib.plot_optimization_history(study).collections[0]

@@ -26,6 +26,8 @@ from mercator_design.jit import compiled
 from mercator_design.sim.simulate import program_arrays
 from tests.fsm.strategies import DRAW, READINGS, pfsms, values
 
+pytestmark = pytest.mark.together("parity")  # compiled once
+
 LEVEL = st.floats(0.0, 255.0)
 # The simulated original's numbers (argos3-rvr, demiurge-rvr-dao), as far from the defaults as published variants get.
 ORIGINAL = ReferenceModel(

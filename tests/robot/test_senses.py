@@ -10,6 +10,8 @@ from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.run.monitor import Monitor, Note
 from mercator_design.robot.run.senses import Senses
 
+pytestmark = pytest.mark.together("twin")  # compiled once
+
 
 def monitor_of(senses, settings):
     return Monitor(settings.limits, senses, Answers(), str)

@@ -10,6 +10,8 @@ from benchmarks.argos import scores
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, read
 from mercator_design.fsm import parse
 
+pytestmark = pytest.mark.together("argos")  # compiled once
+
 DATA = read(Path(__file__).parents[1] / "data" / "argos_scores.json.gz")
 # If nothing differs, Benjamini and Hochberg's procedure rejects anything with at most this chance. Seeds are fixed: it
 # is the chance over their choice, for all missions together.
@@ -35,7 +37,6 @@ def rejected(tests):
     return [tests[k].statistic for k in two_samples.rejected([test.p for test in tests], FALSE_ALARM)]
 
 
-@pytest.mark.together
 def test_distributions(comparisons):
     assert not any(c.left_out for c in comparisons)
     tests = all_tests(comparisons)
@@ -185,7 +186,6 @@ def test_rejections_that_hung_on_others_are_said():
     assert judgement.rejected == []
 
 
-@pytest.mark.together
 def test_runs_repeated_from_their_seeds(comparisons):
     """Runs in which no robots collide are the recorded ones to the last digit, score and statistics."""
     for c in comparisons:

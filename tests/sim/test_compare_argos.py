@@ -18,6 +18,8 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
+pytestmark = pytest.mark.together("argos")  # compiled once
+
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")
 SCORES = read(DATA / "argos_scores.json.gz")

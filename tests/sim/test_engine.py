@@ -13,6 +13,8 @@ from mercator_design.fsm import Controller, Readings, parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.simulate import Simulator
 
+pytestmark = pytest.mark.together("referee")  # compiled once
+
 FOUR_STATES = (
     "--nstates 4 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 3 --p0x1 2 --w0x1 5 --s1 1 "
     "--n1 1 --n1x0 0 --c1x0 5 --p1x0 0.05 --s2 2 --att2 4 --n2 2 --n2x0 0 --c2x0 5 --p2x0 0.1 --n2x1 2 --c2x1 4 "

@@ -12,6 +12,8 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, LidarNeighbours, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
 
+pytestmark = pytest.mark.together("referee")  # compiled once
+
 MERCATOR = load_robot_model("mercator")
 NEAR = at((0, 0, 0), (0.5, 0, 0), (0, 0.6, 0), (-0.55, 0, 2))
 ATTRACT = parse("--nstates 1 --s0 2 --att0 5")

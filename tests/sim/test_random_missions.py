@@ -53,6 +53,8 @@ from mercator_design.sim.robot_parts import (
 )
 from mercator_design.sim.simulate import Simulator
 
+pytestmark = pytest.mark.together("referee")  # compiled once
+
 ROBOTS = [load_robot_model(name) for name in shipped.robot_models()]
 PFSMS = {flavour: parse_space(parameters_text(flavour), flavour) for flavour in FLAVOURS}
 PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")

@@ -14,6 +14,8 @@ from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run.senses import Senses
 
+pytestmark = pytest.mark.together("twin")  # compiled once
+
 ALONE = (0.0, 0.0, 0.0)
 
 

@@ -26,6 +26,8 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.twin.arena import TwinArena
 
+pytestmark = pytest.mark.together("twin")  # compiled once
+
 
 @pytest.fixture(scope="module")
 def short():

@@ -33,6 +33,8 @@ from mercator_design.twin.terminals import Terminals, _free_ports
 from mercator_design.twin.twin import Twin
 from tests.twin.arenas import arena
 
+pytestmark = pytest.mark.together("twin")  # compiled once
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -10,6 +10,8 @@ from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 from mercator_design.robot.protocols.ydlidar import Packet, Turns, encode_command
 from tests.twin.arenas import QUIET, Talk
 
+pytestmark = pytest.mark.together("twin")  # compiled once
+
 
 def test_what_the_devices_say_is_of_one_world():
     """A robot that drives to a wall, and another robot behind it."""

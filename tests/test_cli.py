@@ -82,7 +82,7 @@ class TestRace:
         contents = []
         for jobs in (1, 3):
             folder = tmp_path / str(jobs)
-            assert mdesign("race", "foraging", "--budget", 300, "-j", jobs, "-o", folder, *QUICK)[0] == 0
+            assert mdesign("race", "foraging", "--budget", 150, "-j", jobs, "-o", folder, *QUICK)[0] == 0
             contents.append([(folder / name).read_bytes() for name in ("fsm.txt", "results.csv")])
             contents[-1].append(read(folder / "journal.jsonl").record.digest())
         assert contents[0] == contents[1]
@@ -90,7 +90,7 @@ class TestRace:
     def test_another_seed_is_another_race(self, mdesign, tmp_path):
         raced = []
         for seed in (1, 2):
-            mdesign("race", "foraging", "--budget", 300, "--seed", seed, "-o", tmp_path / str(seed), *QUICK)
+            mdesign("race", "foraging", "--budget", 150, "--seed", seed, "-o", tmp_path / str(seed), *QUICK)
             table = csv.DictReader((tmp_path / str(seed) / "results.csv").read_text().splitlines())
             raced.append({row["fsm"] for row in table})
         assert len(raced[0] & raced[1]) < 0.2 * len(raced[0])  # the smallest PFSMs may occur in both
@@ -103,7 +103,7 @@ class TestRace:
 
     def test_a_flavour_with_a_condition_that_the_robot_cannot_see_by(self, mdesign, tmp_path):
         folder = tmp_path / "r"
-        code, _, err = mdesign("race", "vanilla_aggregation", "--budget", 300, "-o", folder, *QUICK)
+        code, _, err = mdesign("race", "vanilla_aggregation", "--budget", 60, "-o", folder, *QUICK)
         assert code == 0
         assert "Warning: watermelon: floor colour never fires: robot epuck sees only how bright the ground is\n" in err
 
@@ -168,12 +168,12 @@ class TestRace:
 
     @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
     def test_a_journal_has_whole_lines_only(self, mdesign, tmp_path):
-        assert mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "q", *QUICK)[0] == 0  # and is compiled
+        assert mdesign("race", "aggregation", "--budget", 100, "-o", tmp_path / "q", *QUICK)[0] == 0  # and is compiled
         limit = "import resource, sys; sys.dont_write_bytecode = True;"
         limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
         ignore = "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         script = f"{limit}{ignore}from mercator_design.cli import main; main()"
-        command = [sys.executable, "-c", script, "race", "aggregation", "--budget", "200", "-o", str(tmp_path / "r")]
+        command = [sys.executable, "-c", script, "race", "aggregation", "--budget", "100", "-o", str(tmp_path / "r")]
         done = subprocess.run([*command, *QUICK], capture_output=True, text=True, check=False)
         assert done.returncode == 1
         assert f"{tmp_path / 'r'}: results cannot be written" in done.stderr
@@ -186,7 +186,7 @@ class TestRace:
     def test_default_folder(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         for number in (1, 2):
-            assert mdesign("race", "foraging", "--budget", 200, *QUICK)[0] == 0
+            assert mdesign("race", "foraging", "--budget", 60, *QUICK)[0] == 0
             assert (tmp_path / "runs" / f"foraging-{number}" / "fsm.txt").exists()
 
     @pytest.mark.parametrize(

@@ -386,14 +386,14 @@ def test_iterations_and_survivors_may_be_chosen():
     assert max(len(s.elites) for s in race.iterations) == 2
 
 
-@pytest.mark.parametrize("d", [1, 2, 5, 11, 45])
+@pytest.mark.parametrize("d", [1, 2, 5, 45])
 @pytest.mark.parametrize("kind", ["noise", "flat", "sloping"])
 def test_no_budget_is_exceeded(d, kind):
     space = Space([real(f"x{k}", 0, 1) for k in range(d)])
     costs = {"noise": lambda _: 0.0, "sloping": lambda c: 10 * sum(c.values()), "flat": lambda _: 0.0}
     started = 0
     for budget in (20, 43, 77, 100, 181, 400):
-        for first_test, elitist in ((5, True), (5, False), (8, True), (2, True))[: 2 if budget == 400 else 4]:
+        for first_test, elitist in ((5, True), (5, False), (8, True), (2, True))[: 2 if budget > 100 else 4]:
             options = RaceOptions(first_test=first_test, elitist=elitist)
             mu = options.planned_mu
             least = minimum_budget(1, n_iterations(d), mu=mu, each_test=1, n_new=1, elitist=elitist)

@@ -1,5 +1,7 @@
 """The results of an analysis as text, tables and pictures."""
 
+import csv
+import math
 from collections.abc import Iterator
 from operator import sub
 from pathlib import Path
@@ -8,16 +10,21 @@ from typing import Any, NamedTuple
 
 from mercator_design.analysis.analysis import Ablation
 from mercator_design.designer import Designer
+from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.task import Task
 from mercator_design.report.columns import aligned, csv_text, difference
+from mercator_design.system.files import Unreadable, read_small
 
+ABLATION = "ablation.csv"
+"""The path of removals from a winner, in its run folder."""
 _ALPHA = 0.05
 _MOST = 20
 """Maximum number of parameters on a page."""
 _COLOUR = "#0072b2"
+_MAX_SIZE = 1024 * 1024  # bytes of a table
 _WIDE = 120
 """Width of all columns of an ablation [characters]."""
 
@@ -133,6 +140,48 @@ def ablation_csv(ablation: Ablation) -> str:
             ]
         )
     return csv_text(rows)
+
+
+class AblationRow(NamedTuple):
+    """A step of a path, as `ablation_csv` writes it."""
+
+    change: str
+    mean: float
+    low: float
+    high: float
+    p_value: float | None  # None for the start
+
+
+def read_ablation(path: Path, fsm: str) -> list[AblationRow]:
+    """The path of removals from a PFSM, from its CSV; empty if there is none, or it is of another PFSM.
+
+    Raises:
+        RaceError: It is damaged.
+    """
+    if not path.exists():
+        return []
+    try:
+        rows = list(csv.DictReader(read_small(path, _MAX_SIZE).decode().splitlines()))
+        found = [
+            AblationRow(
+                change=row["change"],
+                mean=_finite(row["mean"]),
+                low=_finite(row["low"]),
+                high=_finite(row["high"]),
+                p_value=_finite(row["p_value"]) if row["p_value"] else None,
+            )
+            for row in rows
+        ]
+        return found if rows and rows[0]["fsm"] == fsm else []
+    except (Unreadable, ValueError, KeyError, TypeError, csv.Error) as error:
+        expected = "expected the table of mdesign runs ablation, found another"
+        raise RaceError(f"{path}: {expected}: {error}; delete it to go on without it") from None
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"expected a number, found {text}")
+    return value
 
 
 def save_ablation(path: Path, ablation: Ablation) -> None:

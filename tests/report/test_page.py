@@ -18,12 +18,13 @@ from scipy.stats import ttest_rel
 from mercator_design.analysis import proof as proofs
 from mercator_design.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
 from mercator_design.cli.races import reporting
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
 from mercator_design.report.iterations import incumbents
+from mercator_design.report.page import importance as importances
 from mercator_design.report.page import page as pages
 from mercator_design.report.page import request as requests
 from mercator_design.report.page.choice import verdict
@@ -187,6 +188,39 @@ class TestAlone:
         for name in ("request", "importance"):
             monkeypatch.setattr(pages, name, lambda facts: "")
         assert not Page(report_page(facts, proof)).all("data-replay")
+
+
+class TestAblation:
+    HEAD = "step,change,mean,low,high,difference,difference_low,difference_high,p_value,fsm\n"
+
+    @pytest.fixture
+    def shown(self, folder, monkeypatch):
+        """The section, if a table is there: {} is the text of the winner."""
+        monkeypatch.setattr(importances, "measured", lambda _: (None, SimpleNamespace(parameters=())))
+
+        def show(text):
+            facts = Facts.read(folder)
+            (folder / "ablation.csv").write_text(self.HEAD + text.format(to_text(facts.pfsm(facts.best))))
+            return Page(importances.importance(facts))
+
+        return show
+
+    def test_its_steps_are_shown(self, shown):
+        page = shown("0,the winner,2,1,3,,,,,{}\n1,without <b>,1,0,2,-1,-2,0,0.01,x\n")
+        rows = [(one["data-name"], float(one["data-mean"])) for one in page.all("data-mean")]
+        assert rows == [("the winner", 2), ("without <b>", 1)]
+        assert "p = 0.01" in page.text
+
+    @pytest.mark.parametrize("text", ["", "0,the winner,2,1,3,,,,,--nstates 1 --s0 1\n"])
+    def test_of_another_winner_it_is_not(self, shown, text):
+        page = shown(text)
+        assert not page.all("data-mean")
+        assert "mdesign runs ablation" in page.text
+
+    @pytest.mark.parametrize("text", ["0,the winner,nan,1,3,,,,,{}\n", "0\n", "0,a,x,1,1,,,,,{}\n"])
+    def test_damaged_ones_are_refused(self, shown, text):
+        with pytest.raises(RaceError, match="expected the table of mdesign runs ablation"):
+            shown(text)
 
 
 @pytest.mark.usefixtures("quick")

@@ -13,14 +13,21 @@ from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
-from mercator_design.report.analysis import ablation_csv, ablation_page, importance_csv, importance_page, save_ablation
+from mercator_design.report.analysis import (
+    ABLATION,
+    ablation_csv,
+    ablation_page,
+    importance_csv,
+    importance_page,
+    save_ablation,
+)
 from mercator_design.report.columns import with_notes_wrapped
 from mercator_design.report.progress import AblationDisplay
 from mercator_design.report.runs import run_summary, runs_json, runs_table
 from mercator_design.runs.files import restored
 from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
 from mercator_design.runs.verification import verify as verify_run
-from mercator_design.system.files import writing
+from mercator_design.system.files import write_text, writing
 
 
 @contextlib.contextmanager
@@ -143,7 +150,8 @@ def ablation(
     """Find which parts the winner of DIRECTORY needs: each step removes the least important part.
 
     States and transitions are removed until only the initial state is left. With --from or --from-first, another
-    configuration is changed into the winner instead: each step changes the parameter with the largest gain.
+    configuration is changed into the winner instead: each step changes the parameter with the largest gain. The path
+    of removals is kept in DIRECTORY, for `mdesign report`.
     """
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
@@ -161,6 +169,9 @@ def ablation(
             stopped=stopped,
         )
     print_result(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
+    if result.simplifies:
+        with writing(directory / ABLATION):
+            write_text(directory / ABLATION, ablation_csv(result))
     if plot is not None:
         with writing(plot):
             save_ablation(plot, result)

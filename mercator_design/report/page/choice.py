@@ -6,7 +6,7 @@ from mercator_design.analysis.proof import ALONE, RUNNER_UP, Proof
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
+from mercator_design.report.page.markup import Html, figure, folded, note, p_text, row_of, section, table
 from mercator_design.view.charts import Axis, Dot, heat_map, interval_chart, number
 
 _ALPHA = 0.05
@@ -56,7 +56,15 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
         low, high = scores.confidence_interval or (scores.mean, scores.mean)
         pair = pairs.get(one.name)
         dots.append(
-            Dot(one.name, scores.mean, low, high, one.scores, "" if pair is None else _p(pair.p_value), min(place, 3))
+            Dot(
+                one.name,
+                scores.mean,
+                low,
+                high,
+                one.scores,
+                "" if pair is None else p_text(pair.p_value),
+                min(place, 3),
+            )
         )
         rows.append((one.name, number(scores.mean), f"{low:.3g} to {high:.3g}", *_difference(pair)))
     head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "difference", "p (Holm)")
@@ -107,11 +115,7 @@ def _difference(pair: Pair | None) -> tuple[str, str]:
         return "", ""
     interval = pair.differences.confidence_interval
     half = 0.0 if interval is None else interval[1] - pair.differences.mean
-    return f"{pair.differences.mean:+.3g} ± {half:.2g}", _p(pair.p_value).removeprefix("p = ").removeprefix("p ")
-
-
-def _p(value: float) -> str:
-    return "p < 0.001" if value < 0.001 else f"p = {value:.2g}"
+    return f"{pair.differences.mean:+.3g} ± {half:.2g}", p_text(pair.p_value).removeprefix("p = ").removeprefix("p ")
 
 
 def _listed(contestants: list[str], simple: list[str]) -> str:

@@ -9,7 +9,9 @@ const ask = async () => {
     return;
   }
   if (told.ended) return location.reload();
+  const open = [...live.querySelectorAll("details[open] > summary")].map((summary) => summary.textContent);
   live.innerHTML = told.html;
+  for (const summary of live.querySelectorAll("summary")) summary.parentElement.open = open.includes(summary.textContent);
   setTimeout(ask, told.seconds * 1000);
 };
 setTimeout(ask, 1000);

@@ -1,37 +1,72 @@
-"""Which modules or parameters explain the scores, from the race's own experiments."""
+"""What matters: which modules or parameters explain the scores, and which parts the winner needs."""
 
 import shlex
 
 from mercator_design.analysis.analysis import importance as measured
 from mercator_design.errors import RaceError
+from mercator_design.fsm.text import to_text
 from mercator_design.race.racing.summary import CONFIDENCE
+from mercator_design.report.analysis import ABLATION, read_ablation
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.markup import Html, command, figure, note, row_of, section
+from mercator_design.report.page.markup import Html, command, figure, note, p_text, row_of, section
 from mercator_design.view.charts import Axis, Dot, interval_chart
 
 _MOST = 12
+_ALPHA = 0.05
+_NORMAL = 1.96  # standard errors of half an interval
 
 
 def importance(facts: Facts) -> Html:
-    """The section of importance; it says so if the race was too small for it."""
+    """The section of what matters; it says so if the race was too small for it."""
     if facts.task is None:
         return Html()
+    folder = shlex.quote(str(facts.folder))
+    title = f"What matters on {facts.start['name']}"
+    return section("importance", title, row_of(_importance(facts, folder), _ablation(facts, folder)))
+
+
+def _importance(facts: Facts, folder: str) -> Html:
     try:
-        task, explanation = measured(facts.folder)
+        _, explanation = measured(facts.folder)
     except RaceError as error:
-        return section("importance", "What matters", note(error.messages[0]))
-    dots = [
-        Dot(one.name.replace("_", " "), one.share, one.share - 1.96 * one.error, one.share + 1.96 * one.error)
-        for one in explanation.parameters[:_MOST]
-    ]
+        return note(error.messages[0])
+    halves = [(one, _NORMAL * one.error) for one in explanation.parameters[:_MOST]]
+    dots = [Dot(one.name.replace("_", " "), one.share, one.share - half, one.share + half) for one, half in halves]
+    if not dots:
+        return Html()
     what = "the number of each module in a PFSM" if facts.designer is not None else "each parameter"
     caption = (
         f"How much {what} explains of the differences between the {explanation.configurations} configurations that "
         f"were raced: share of the variance, with its interval of {CONFIDENCE:.0%}. In all, "
         f"{max(explanation.explained, 0.0):.0%} of it can be predicted. From the race's own experiments."
     )
-    folder = shlex.quote(str(facts.folder))
-    chart = figure(interval_chart(dots, Axis("share of the variance")), caption, f"mdesign runs importance {folder}")
-    parts = note("Which states and transitions the winner needs is measured by more experiments:")
-    ablation = f"<div>{parts}{command(f'mdesign runs ablation {folder}')}</div>" if facts.designer is not None else ""
-    return section("importance", f"What matters on {task.name}", row_of(chart, ablation) if dots else "")
+    chart = interval_chart(dots, Axis("share of the variance"))
+    return figure(chart, caption, f"mdesign runs importance {folder}")
+
+
+def _ablation(facts: Facts, folder: str) -> Html:
+    """The winner without its parts, if that was measured; else the command that does it."""
+    pfsm = None if facts.best is None or not facts.is_finished else facts.pfsm(facts.best)
+    if pfsm is None:
+        return Html()
+    made_by = f"mdesign runs ablation {folder}"
+    rows = read_ablation(facts.folder / ABLATION, to_text(pfsm))
+    if not rows:
+        about = note("Which states and transitions the winner needs is measured by more experiments:")
+        return Html(f"<div>{about}{command(made_by)}</div>")
+    dots = [
+        Dot(
+            row.change,
+            row.mean,
+            row.low,
+            row.high,
+            remark="" if row.p_value is None else p_text(row.p_value),
+            colour=int(row.p_value is not None and row.p_value < _ALPHA),
+        )
+        for row in rows
+    ]
+    caption = (
+        "The winner taken apart, on fresh instances: each row is without the parts of the rows above it, too. Mean "
+        f"score and interval of {CONFIDENCE:.0%}; p: of no difference from the winner."
+    )
+    return figure(interval_chart(dots, Axis(facts.score_name)), caption, made_by)

@@ -59,6 +59,11 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, name: str
     )
 
 
+def p_text(value: float) -> str:
+    """A p-value in words."""
+    return "p < 0.001" if value < 0.001 else f"p = {value:.2g}"
+
+
 def folded(title: str, *parts: str) -> Html:
     """Parts that are shown when the title is clicked."""
     return Html(f"<details><summary>{escaped(title)}</summary>{''.join(parts)}</details>")

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 import re
 from pathlib import Path
 
@@ -41,3 +42,10 @@ def test_python_in_the_documents_runs(code):
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_missions_in_the_documents_are_valid(text):
     assert parse_mission(text).robots == yaml.safe_load(text)["robots"]
+
+
+@pytest.mark.timing
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" not in os.environ, reason="all tests run in one process")
+def test_tests_of_a_group_run_in_one_worker(request):
+    """A pytest that pytest-xdist does not know may ignore groups, and say nothing of it."""
+    assert request.node.nodeid.endswith("@timing")

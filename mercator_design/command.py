@@ -17,7 +17,7 @@ import click
 
 from mercator_design.config import spelling
 from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
-from mercator_design.fsm.files import FsmFile, read_fsm
+from mercator_design.fsm.files import FsmFile, read_fsm, read_fsms
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.system import address_space
 
@@ -228,6 +228,12 @@ def naming_header(fsm: Path) -> Iterator[None]:
         yield
     except FsmError as error:
         raise FsmError(*(f"{fsm}: {message}" for message in error.messages)) from None
+
+
+def read_controllers(path: Path, flavour: str | None, *, lenient: bool) -> dict[str, FsmFile]:
+    """Read a file of one or several PFSMs, as `read_controller`; by name: that of the file, perhaps with the line."""
+    found = read_fsms(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)
+    return {f"{path}:{line}" if len(found) > 1 else str(path): file for line, file in found.items()}
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:

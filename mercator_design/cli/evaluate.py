@@ -1,25 +1,37 @@
 """mdesign evaluate: a controller's scores."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
+from mercator_design.analysis.swarm import evaluate_with_stats
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
-from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import JOBS, JSON, MISSION, PLUGIN, PROGRESS, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission
+from mercator_design.cli.options import CSV, JOBS, JSON, MISSION, PLUGIN, PROGRESS, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_note, print_result, read_controller, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_note, print_result, read_controllers, warn
+from mercator_design.config.writing import digest_of
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.report.evaluations import (
+    Comparison,
+    Evaluated,
+    comparison_csv,
+    comparison_json,
+    comparison_text,
+    evaluation_json,
+    evaluation_summary,
+)
 from mercator_design.report.progress import Display, Mode
-from mercator_design.report.summary import evaluation_json, evaluation_summary
+from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
 
 
-@click.command(short_help="Measure a controller on fresh instances of a mission.")
-@click.argument("fsm", type=FILE, required=False)
+@click.command(short_help="Measure controllers on fresh instances of a mission.")
+@click.argument("fsm", type=FILE, nargs=-1, metavar="[FSM]...")
 @click.option(
     "--fsm-config", metavar="TEXT", help="The controller as text, instead of FSM: --nstates ..., as in AutoMoDe."
 )
@@ -40,7 +52,14 @@ from mercator_design.sim.simulate import Simulator
 @LENIENT
 @SET
 @PLUGIN
+@click.option(
+    "--stats",
+    is_flag=True,
+    help="Also measure what the swarm did: time in each state and on each colour, transitions, "
+    "neighbours, obstacles, speed.",
+)
 @JSON
+@CSV
 @PROGRESS
 @click.option(
     "--cost",
@@ -49,7 +68,7 @@ from mercator_design.sim.simulate import Simulator
     help="Print the mean cost, which a race minimises, and no warnings: for irace.",
 )
 def evaluate(
-    fsm: Path | None,
+    fsm: tuple[Path, ...],
     fsm_config: str | None,
     mission: str | None,
     runs: int,
@@ -60,11 +79,16 @@ def evaluate(
     flavour: str | None,
     lenient: bool,
     overrides: tuple[str, ...],
+    stats: bool,
     as_json: bool,
+    as_csv: bool,
     progress: Mode,
     cost_alone: bool,
 ) -> None:
     """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
+
+    Several controllers, as files or as lines of a file, run on the same instances: a table with paired tests shows
+    which is best.
 
     \b
     With --json: mission, direction, robots, duration, robot_model,
@@ -72,42 +96,92 @@ def evaluate(
     standard_deviation (n - 1), quartiles [lower, median, upper],
     confidence_interval [low, high] (of the mean, 95 %, Student's t);
     the standard deviation and the interval of one run are null.
+    With --stats also stats: states (share of time in each),
+    transitions [1/s], ground (share of time on each colour),
+    neighbours (mean number), obstacles (share of time with one near
+    enough to be avoided), speed [m/s]; null where the robot has no such sensor.
+    Of several controllers: best (its name), fsms (name, fsm and the
+    figures of each), pairs (first, second, mean_difference,
+    confidence_interval, p_value of the paired t-test, with Holm's
+    correction for all pairs).
     """  # noqa: D301 - click reads the control character
+    if as_json + as_csv + cost_alone > 1:
+        raise click.UsageError("--json, --csv and --cost exclude each other")
     given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
-    pfsm, simulator = _controller(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
+    pfsms, simulator = _controllers(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
+    if cost_alone and len(pfsms) > 1:
+        raise click.UsageError(f"--cost is of one controller, found {len(pfsms)}")
     loaded = simulator.mission
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
-        warn_of_no_effect(simulator, pfsm.flavour, pfsm)
+        warn(_without_effect(pfsms, simulator))
     simulator.rehearse(announce=ignore if cost_alone else print_note)
     seeds = instances or fresh_instances(seed, runs)
     if cost_alone and progress == "auto":
         progress = "none"
-    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", len(seeds), progress) as display:
+    total, evaluated = len(seeds) * len(pfsms), list[Evaluated]()
+    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", total, progress) as display:
 
         def watch(done: int) -> None:
+            done += len(seeds) * len(evaluated)
             display.show(done)
-            interrupt.check(f"{done} of {len(seeds)} experiments were done")
+            interrupt.check(f"{done} of {total} experiments were done")
 
-        result = measure(loaded, pfsm, seeds=seeds, robot_model=simulator.robot_model, jobs=jobs, watch=watch)
+        for name, pfsm in pfsms.items():
+            if stats:
+                result, did = evaluate_with_stats(simulator, pfsm, seeds, jobs=jobs, watch=watch)
+            else:
+                did = None
+                result = measure(loaded, pfsm, seeds=seeds, robot_model=simulator.robot_model, jobs=jobs, watch=watch)
+            evaluated.append(Evaluated(name, pfsm, result, did))
     if cost_alone:
-        print_result(repr(0.0 + loaded.cost(result.scores.mean)))
+        print_result(repr(0.0 + loaded.cost(evaluated[0].scores.mean)))
         return
-    report = evaluation_json if as_json else evaluation_summary
-    print_result(report(result, simulator, seed=None if instances else seed))
+    master = None if instances else seed
+    if as_csv:
+        print_result(comparison_csv(Comparison(evaluated, simulator)), nl=False)
+    elif len(evaluated) == 1:
+        print_result((evaluation_json if as_json else evaluation_summary)(evaluated[0], simulator, seed=master))
+    else:
+        report = comparison_json if as_json else comparison_text
+        print_result(report(Comparison(evaluated, simulator), simulator, seed=master))
 
 
-def _controller(
-    fsm: Path | None, fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
-) -> tuple[Pfsm, Simulator]:
-    """The controller to measure, from a file or the command line, and its mission."""
-    if (fsm is None) == (fsm_config is None):
+def _without_effect(pfsms: Mapping[str, Pfsm], simulator: Simulator) -> list[str]:
+    """Warnings of what has no effect; with the name of a controller if they are not about all of several."""
+    mission, model = simulator.mission, simulator.robot_model
+    found = {name: [*no_effect_warnings(mission, model, pfsm.flavour, pfsm)] for name, pfsm in pfsms.items()}
+    first, *others = found.values()
+    of_all = [warning for warning in first if all(warning in other for other in others)]
+    return of_all + [f"{name}: {what}" for name, warnings in found.items() for what in warnings if what not in of_all]
+
+
+def _controllers(
+    files: Sequence[Path], fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
+) -> tuple[dict[str, Pfsm], Simulator]:
+    """The controllers to measure by their names, from files or the command line, and their mission."""
+    if bool(files) == (fsm_config is not None):
         raise click.UsageError("expected either FSM or --fsm-config")
-    if fsm is not None:
-        file = read_controller(fsm, flavour, lenient=lenient)
-        return file.pfsm, simulator_of(fsm, file, given, warn=ignore if quiet else warn)
-    if given["mission"] is None:
-        raise click.UsageError("--fsm-config needs --mission")
-    tolerate = (lambda what: warn([what])) if lenient else None
-    pfsm = parse(fsm_config or "", flavour or FLAVOURS[0], tolerate=tolerate)
-    return pfsm, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
+    if fsm_config is not None:
+        if given["mission"] is None:
+            raise click.UsageError("--fsm-config needs --mission")
+        tolerate = (lambda what: warn([what])) if lenient else None
+        pfsm = parse(fsm_config, flavour or FLAVOURS[0], tolerate=tolerate)
+        return {"fsm": pfsm}, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
+    pfsms: dict[str, Pfsm] = {}
+    simulator: Simulator | None = None
+    for path in dict.fromkeys(files):
+        found = read_controllers(path, flavour, lenient=lenient)
+        pfsms |= {name: file.pfsm for name, file in found.items()}
+        own = simulator_of(path, next(iter(found.values())), given, warn=ignore if quiet else warn)
+        simulator = simulator or own
+        if _digests(own) != _digests(simulator):
+            raise click.UsageError(
+                f"{path}: was designed for another mission or robot model than {files[0]}; give --mission"
+            )
+    assert simulator is not None  # noqa: S101 - there is a file
+    return pfsms, simulator
+
+
+def _digests(simulator: Simulator) -> tuple[str, str]:
+    return simulator.mission.digest, digest_of(simulator.robot_model)

@@ -11,7 +11,7 @@ from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
-from mercator_design.fsm.files import FsmFile, read_fsm
+from mercator_design.fsm.files import FsmFile, read_fsms
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
@@ -92,10 +92,12 @@ def load_plugins(files: Iterable[Path], arguments: Mapping[str, Any]) -> None:
         MissionError: A plugin has another digest, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
-    controller, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
+    given, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
+    controllers: tuple[Path, ...] = given if isinstance(given, tuple) else (given,) if given else ()
     found = [(file, read_plugin(file)) for file in files]
-    if controller is not None:
-        origin = origin_of(controller, read_fsm(controller, arguments.get("flavour"), tolerate=ignore).header)
+    for controller in controllers:
+        first = next(iter(read_fsms(controller, arguments.get("flavour"), tolerate=ignore).values()))
+        origin = origin_of(controller, first.header)
         for _, plugin in found:
             origin.check_plugin(plugin.name, plugin.digest, refuse=arguments.get("mission") is None)
     if folder is not None:

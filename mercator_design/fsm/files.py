@@ -52,6 +52,31 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     Raises:
         FsmError: naming file and line.
     """
+    text, is_yaml = _contents(path)
+    if is_yaml:
+        return _read_yaml(text, path, flavour, tolerate)
+    header, found = _lines(text)
+    if len(found) != 1:
+        where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
+        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
+    return _read_line(*found[0], header, path, flavour, tolerate)
+
+
+def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> dict[int, FsmFile]:
+    """Read a file of several PFSMs, one on each line, as published data sets have them; by the number of the line.
+
+    The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
+    `read_fsm`.
+    """
+    text, is_yaml = _contents(path)
+    header, found = _lines(text)
+    if is_yaml or len(found) < 2:
+        return {1: read_fsm(path, flavour, tolerate=tolerate)}
+    return {number: _read_line(number, line, header, path, flavour, tolerate) for number, line in found}
+
+
+def _contents(path: Path) -> tuple[str, bool]:
+    """The text of a file, and whether it is an fsm.yaml."""
     try:
         text = read_small(path, _MAX_SIZE).decode("utf-8-sig")
     except Unreadable as error:
@@ -60,8 +85,7 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
         raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
     content = (line.strip() for line in text.splitlines())
     first = next((line for line in content if line and not line.startswith("#")), "")
-    read = _read_yaml if _IS_YAML.match(first) else _read_text
-    return read(text, path, flavour, tolerate)
+    return text, _IS_YAML.match(first) is not None
 
 
 def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
@@ -80,7 +104,8 @@ def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None
     return FsmFile(pfsm=pfsm, header=header, names=named.names)
 
 
-def _read_text(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
+    """The header of an fsm.txt, and its lines with a PFSM, with their numbers."""
     header: dict[str, str] = {}
     found: list[tuple[int, str]] = []
     for number, line in enumerate((line.strip() for line in text.splitlines()), start=1):
@@ -90,10 +115,14 @@ def _read_text(text: str, path: Path, flavour: str | None, tolerate: Tell | None
                 header[" ".join(key.split())] = " ".join(value.split())
         elif line and not re.fullmatch(r"score\s+\S+", line):
             found.append((number, line))
-    if len(found) != 1:
-        where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
-        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
-    number, line = found[0]
+    return header, found
+
+
+def _read_line(
+    number: int, line: str, header: Mapping[str, str], path: Path, flavour: str | None, tolerate: Tell | None
+) -> FsmFile:
+    """Read a line with a PFSM."""
+    header = dict(header)
     named = header.pop(_FLAVOUR, FLAVOURS[0])
     if flavour is None and named not in FLAVOURS:
         known = ", ".join(FLAVOURS)

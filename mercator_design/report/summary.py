@@ -1,12 +1,10 @@
-"""The summary of a race or an evaluation, as text."""
+"""The summary of a race, as text."""
 
-import json
 import shlex
 from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
-from mercator_design.api import Evaluation
 from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.conditions import COLOUR_LABELS
@@ -21,7 +19,6 @@ from mercator_design.report.columns import aligned
 from mercator_design.report.iterations import iteration_notes, iterations_table
 from mercator_design.runs.folder import RunFolder
 from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
-from mercator_design.sim.simulate import Simulator
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
@@ -171,48 +168,6 @@ def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
             never = ", which never fires on this mission" if (i, j) in dead else ""
             lines.append(f"  -> {transition.target} on {condition}{never}")
     return lines
-
-
-def evaluation_summary(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:
-    """The figures of an evaluation, a line each; given instances have no master seed."""
-    scores, mission, robot_model = result.scores, simulator.mission, simulator.robot_model
-    low, middle, high = scores.quartiles
-    lines = [
-        f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
-        f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
-        f"runs                 {len(scores.values)}, {'on given instances' if seed is None else f'seed {seed}'}",
-        f"mean                 {scores.mean:.6g}",
-    ]
-    if scores.confidence_interval is not None:
-        lines += [
-            f"standard deviation   {scores.standard_deviation:.6g}",
-            f"confidence interval  {scores.confidence_interval[0]:.6g} to {scores.confidence_interval[1]:.6g} "
-            f"({CONFIDENCE:.0%} for the mean)",
-        ]
-    return "\n".join([*map(printable, lines), f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"])
-
-
-def evaluation_json(result: Evaluation, simulator: Simulator, *, seed: int | None) -> str:
-    """The figures of an evaluation as JSON; what is not defined, as for one run, is null."""
-    scores, mission = result.scores, simulator.mission
-    return json.dumps(
-        {
-            "mission": mission.name,
-            "direction": mission.objective.direction,
-            "robots": mission.robots,
-            "duration": mission.duration,
-            "robot_model": simulator.robot_model.name,
-            "runs": len(scores.values),
-            "seed": seed,
-            "scores": scores.values,
-            "seeds": result.seeds,
-            "mean": scores.mean,
-            "standard_deviation": scores.standard_deviation,
-            "quartiles": scores.quartiles,
-            "confidence_interval": scores.confidence_interval,
-        },
-        allow_nan=False,
-    )
 
 
 def _module_text(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[float, ...]) -> str:

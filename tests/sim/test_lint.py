@@ -12,6 +12,7 @@ from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.robot_parts import Uniform
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
 MISSION = load_mission("aggregation", ["robots=5"])  # its floor is gray and black
@@ -76,6 +77,15 @@ def test_conditions_that_may_fire_on_an_unknown_ground_or_with_many_robots():
     edges = by("floor colour", 0.5, 2.0), by("white floor", 0.5), by("neighbours count", 10.0, 20.0)
     assert found(search(*edges), REST) == set()
     assert found(search(edges[2]), REST, mission=replace(MISSION, robots=20)) == set()
+
+
+def test_robots_that_may_count_more_than_there_are():
+    many = by("neighbours count", 10.0, 20.0)
+    noisy = replace(MERCATOR, lidar=replace(MERCATOR.lidar, noise=Uniform(half_width=0.02)))
+    walls = replace(MISSION, arena=replace(MISSION.arena, wall_height=0.5))
+    assert ("never-fires", "state 0", True) in found(search(many), REST, mission=MISSION)
+    assert found(search(many), REST, mission=MISSION, model=noisy) == set()
+    assert found(search(many), REST, mission=walls) == set()
 
 
 def test_states():

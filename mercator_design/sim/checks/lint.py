@@ -16,11 +16,14 @@ from mercator_design.fsm.text import out_of_domain
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.checks.no_effect import ground_levels, readings_on, seen_colours
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.sim.robot_parts import LidarNeighbours, Uniform
 
 NEGLIGIBLE = 1e-6
 """Probability a cycle below which a transition counts as one that never fires: once in a day of a robot."""
 _MANY = 40
-"""Number of neighbours from which on no condition changes."""
+"""Number of neighbours up to which each is tried."""
+_MOST = 1000
+"""Number of robots that a mission has at most."""
 _ANY_GROUND: tuple[RGB, ...] = (*(COLOURS[name] for name in LABELS), (64.0, 64.0, 64.0))
 """All that conditions distinguish; the last is between black and gray, where no condition holds."""
 
@@ -216,13 +219,24 @@ class _Linter:
 def _situations(mission: Mission | None, model: RobotModel | None) -> list[Readings]:
     """All situations of a robot that conditions distinguish."""
     levels = ground_levels(mission, model) if mission is not None and model is not None else None
-    most = _MANY
-    if mission is not None and (
-        model is None or model.reference_model.neighbour_count_memory == 0 or mission.robots == 1
-    ):
-        most = min(most, mission.robots - 1)
+    numbers = [*range(_MANY + 1), _MOST]
+    if mission is not None and model is not None and _counts_robots_alone(mission, model):
+        numbers = [n for n in numbers if n < mission.robots]
     grounds = [
         readings_on(model, one) if model else Readings(ground_red=one[0], ground_green=one[1], ground_blue=one[2])
         for one in (_ANY_GROUND if levels is None else levels)
     ]
-    return [ground._replace(neighbours=float(n)) for ground in grounds for n in range(most + 1)]
+    return [ground._replace(neighbours=float(n)) for ground in grounds for n in numbers]
+
+
+def _counts_robots_alone(mission: Mission, model: RobotModel) -> bool:
+    """Whether a robot never counts more neighbours than there are: it counts no wall, and no robot as two."""
+    if model.reference_model.neighbour_count_memory > 0.0:
+        return False
+    lidar, arena = model.lidar, mission.arena
+    if not isinstance(model.neighbours, LidarNeighbours) or lidar is None:
+        return True
+    noise = lidar.noise
+    jump = 0.0 if noise is None else 2.0 * noise.half_width if isinstance(noise, Uniform) else math.inf
+    highest = max(model.body.height, arena.wall_height, *(box.height for box in arena.obstacles))
+    return arena.room is None and highest <= lidar.height and jump < model.reference_model.cluster_distance

@@ -224,20 +224,19 @@ def heat_map(
 
 def parallel_chart(axes: Sequence[Axis], threads: Sequence[Thread], scale: Axis) -> str:
     """A line for each thread across several axes; the bold ones are drawn last."""
-    top, bottom, left, right = 64.0, 236.0, 90.0, 40.0
+    top, bottom, left, right = 64.0, 236.0, 90.0, 70.0
     step = (WIDE - left - right) / max(len(axes) - 1, 1)
     ranges = [_limits(axis, [thread.values[k] for thread in threads]) for k, axis in enumerate(axes)]
     drawn = []
     for k, (axis, (low, high)) in enumerate(zip(axes, ranges, strict=True)):
         x = left + step * k
-        names = axis.categories or (number(low), number(high))
-        marks = range(len(names)) if axis.categories else (low, high)
         drawn.append(f'<path class="axis" d="M{x:.1f} {top}V{bottom}"/>')
-        drawn += [
-            _text(x + 5, _between(mark, low, high, bottom, top) + 4, label(name, 12), is_tick=True)
-            for mark, name in zip(marks, names, strict=True)
-        ]
-        drawn.append(_text(x + 4, bottom + 16, label(axis.title, 26), "end", turn=-32))
+        if not axis.categories:
+            drawn.append(_text(x, top - 8, number(high), "middle", is_tick=True))
+            drawn.append(_text(x, bottom + 16, number(low), "middle", is_tick=True))
+        for mark, name in enumerate(axis.categories):
+            drawn.append(_text(x + 5, _between(mark, low, high, bottom, top) + 4, label(name, 12), is_tick=True))
+        drawn.append(_text(x + 4, bottom + 32, label(axis.title, 26), "end", turn=-32))
     for place, thread in enumerate(sorted(threads, key=lambda one: one.is_bold)):
         shift = 1.6 * (place % 5 - 2) * (not thread.is_bold)  # equal values stay apart
         points = [
@@ -254,9 +253,9 @@ def parallel_chart(axes: Sequence[Axis], threads: Sequence[Thread], scale: Axis)
     drawn += _colour_bar(left, scale.title, number(scale.low or 0.0), number(scale.high or 0.0), _SHADE)
     bold = [thread.name for thread in threads if thread.is_bold]
     if bold:
-        drawn.append(f'<path d="M{WIDE - 300} 16h24" stroke="var(--k1)" stroke-width="3"/>')
-        drawn.append(_text(WIDE - 270, 20, label(bold[0])))
-    return _svg(WIDE, bottom + 112.0, drawn, f"Parallel coordinates of {len(threads)} configurations")
+        drawn.append(f'<path d="M{WIDE - 330} 16h24" stroke="var(--k1)" stroke-width="3"/>')
+        drawn.append(_text(WIDE - 300, 20, label(bold[0], 44)))
+    return _svg(WIDE, bottom + 128.0, drawn, f"Parallel coordinates of {len(threads)} configurations")
 
 
 def viridis(share: float) -> str:

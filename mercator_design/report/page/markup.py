@@ -44,8 +44,8 @@ def row_of(*figures: str) -> Html:
 
 def facts_list(facts: Iterable[tuple[str, object]]) -> Html:
     """Names with their values; None is left out."""
-    rows = "".join(f"<dt>{escaped(name)}</dt><dd>{html(value)}</dd>" for name, value in facts if value is not None)
-    return Html(f"<dl>{rows}</dl>")
+    rows = [f'<dt>{escaped(name)}</dt><dd dir="auto">{html(value)}</dd>' for name, value in facts if value is not None]
+    return Html(f"<dl>{''.join(rows)}</dl>")
 
 
 def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, name: str = "") -> Html:

@@ -41,7 +41,6 @@ def origin(facts: Facts) -> Html:
         "origin",
         "Where it comes from",
         facts_list(shown),
-        *(note(f"Note: {text}") for text in facts.notes),
         _failures(facts),
         note("The same race again, from the files of this folder:"),
         command(again, "again"),

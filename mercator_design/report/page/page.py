@@ -10,7 +10,7 @@ from mercator_design.report.page.choice import choice
 from mercator_design.report.page.course import course
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.importance import importance
-from mercator_design.report.page.markup import Html
+from mercator_design.report.page.markup import Html, note
 from mercator_design.report.page.origin import origin
 from mercator_design.report.page.replays import chosen_runs, replays, run_again
 from mercator_design.report.page.request import request
@@ -76,7 +76,7 @@ def following_page(facts: Facts) -> str:
 
 def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool = False) -> str:
     title = escaped(excerpt(str(facts.start["name"])))
-    body = "".join(sections)
+    body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
     links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
     head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
     styles = [*([viewer_style()] if viewer else []), STYLE, _asset("page.css")]

@@ -45,6 +45,8 @@ def verdict(facts: Facts, proof: Proof) -> str:
         )
         if group
     ]
+    if not parts:
+        return "A single fresh instance is too few to compare the winner with others."
     return f"The winner on {len(proof.seeds)} fresh instances: {'; '.join(parts)}."
 
 

@@ -27,8 +27,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from benchmarks.argos import recordings, scores, traces
-from benchmarks.argos.scores import Comparison, Judgement, Limits
+from benchmarks.argos import correlations, recordings, scores, traces
+from benchmarks.argos.correlations import Limits
+from benchmarks.argos.scores import Comparison, Judgement
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
 from mercator_design.errors import MercatorError
 from mercator_design.fsm.pfsm import FLAVOURS
@@ -156,7 +157,7 @@ def print_scores(
         yield _left_out(left_out, "controllers", len(data["runs"]))
     if not compared:
         return
-    limits = {c.mission: scores.correlation_limits(c, len(compared)) for c in compared}
+    limits = {c.mission: correlations.correlation_limits(c, len(compared)) for c in compared}
     judgements = {kind: scores.judge(compared, of_scores=kind == "scores") for kind in ("scores", "statistics")}
     print("\nScores, with seeds of our own. ours - theirs: of the mean, with its standard error. limit: Spearman's")
     print("correlation of our simulator with itself at these sample sizes, the median and the lowest: all missions")
@@ -189,16 +190,16 @@ def print_scores(
 
 def _score_cells(c: Comparison, limits: Limits, judgement: Judgement) -> list[str]:
     theirs, ours = c.means("score")
-    difference, error = scores.bias(c, "score")
+    difference, error = correlations.bias(c, "score")
     return [
         c.mission,
         str(len(c.controllers)),
         f"{c.recorded_runs}, {c.our_runs}",
         f"{theirs.mean():.5g}",
         f"{difference:+.3g} ± {error:.2g}" if np.isfinite(error) else "-",
-        _number(scores.correlation(theirs, ours)),
+        _number(correlations.correlation(theirs, ours)),
         f"{_number(limits.median)}, {_number(limits.lowest)}",
-        _number(scores.halves(c)),
+        _number(correlations.halves(c)),
         *_test_cells(c, judgement)[1:],
     ]
 
@@ -217,7 +218,7 @@ def _print_statistics(compared: Sequence[Comparison], judgement: Judgement) -> N
     for c in compared:
         cells = [c.mission]
         for name in scores.SINGLE:
-            difference, error = scores.bias(c, name)
+            difference, error = correlations.bias(c, name)
             cells.append("-" if not error > 0 else f"{difference / error:+.1f}")
         print(f"| {' | '.join([*cells, *_test_cells(c, judgement)])} |")
 
@@ -243,13 +244,13 @@ def _print_replays(compared: Sequence[Comparison]) -> None:
         everything = np.concatenate([scores.same(theirs, ours, list(theirs)) for theirs, ours in pairs])
         theirs, ours = np.array([(a["score"].mean(), b["score"].mean()) for a, b in pairs]).T
         cells = [c.mission, str(len(score)), f"{score.mean():.1%}", f"{everything.mean():.1%}"]
-        cells += [f"{theirs.mean():.5g}", f"{ours.mean():.5g}", _number(scores.correlation(theirs, ours))]
+        cells += [f"{theirs.mean():.5g}", f"{ours.mean():.5g}", _number(correlations.correlation(theirs, ours))]
         print(f"| {' | '.join(cells)} |")
 
 
 def _correlation_verdict(c: Comparison, limits: Limits) -> Iterator[bool]:
-    found = scores.correlation(*c.means("score"))
-    wanted = scores.WANTED_CORRELATION
+    found = correlations.correlation(*c.means("score"))
+    wanted = correlations.WANTED_CORRELATION
     text = f"{c.mission}: Spearman {_number(found)}; wanted {wanted:g}"
     if found >= wanted:
         yield _verdict(text, reached=True)
@@ -329,33 +330,17 @@ def _number(value: float) -> str:
     return f"{value:.4f}" if np.isfinite(value) else "-"
 
 
-def positive(text: str) -> int:
-    """A whole number from 1."""
-    number = int(text)
-    if number < 1:
-        raise ValueError
-    return number
-
-
-def named_file(text: str) -> tuple[str, Path]:
-    """A mission's name in a recording, and the file that says what it is."""
-    name, equals, file = text.partition("=")
-    if not (name and equals and file):
-        raise ValueError
-    return name, Path(file)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--runs", type=positive, help="ours for each controller; by default five times the recorded")
-    parser.add_argument("-j", "--jobs", type=positive, default=available_jobs(), help="experiments run at once")
+    parser.add_argument("--runs", type=recordings.positive, help="ours for each controller [5 times the recorded]")
+    parser.add_argument("-j", "--jobs", type=recordings.positive, default=available_jobs(), help="at once")
     parser.add_argument("--seed", type=int, default=1, help="master seed of ours")
     parser.add_argument(
         "--mission",
         action="append",
         default=[],
-        type=named_file,
+        type=recordings.named_file,
         metavar="NAME=FILE",
         help="what a mission of the recordings is; may be repeated. Numbers of robots and seconds, range of proximity "
         "and velocity are still the recording's, if it says any",

@@ -10,8 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from benchmarks.argos.correlations import correlation
 from benchmarks.argos.recordings import WALLS
-from benchmarks.argos.scores import SINGLE, Comparison, correlation
+from benchmarks.argos.scores import SINGLE, Comparison
 from benchmarks.argos.traces import Trace, apart, copies_apart, drive
 from mercator_design.missions.arena import rectangle_corners
 

@@ -152,3 +152,19 @@ def mission_and_robot(
     else:
         overrides += ["arena.walls.apothem=99"]
     return load_mission(MISSIONS[base], overrides), robot_model(load_robot_model("mercator-argos"), settings)
+
+
+def positive(text: str) -> int:
+    """A whole number from 1."""
+    number = int(text)
+    if number < 1:
+        raise ValueError
+    return number
+
+
+def named_file(text: str) -> tuple[str, Path]:
+    """A mission's name in a recording, and the file that says what it is."""
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise ValueError
+    return name, Path(file)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import two_samples
-from benchmarks.argos import scores
+from benchmarks.argos import correlations, scores
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, read
 from mercator_design.fsm import parse
 
@@ -67,15 +67,15 @@ def artificial(means, spread, recorded=20, ours=200):
 
 
 def test_limits_of_correlation():
-    exact = scores.correlation_limits(artificial(range(10), spread=0.01))
+    exact = correlations.correlation_limits(artificial(range(10), spread=0.01))
     assert (exact.median, exact.lowest) == pytest.approx((1.0, 1.0))
     assert exact.visible > 0.95
     limits, halves = [], []
     for spread in (3.0, 10.0):
         c = artificial(range(10), spread)
-        limits.append(scores.correlation_limits(c))
-        halves.append(scores.halves(c))
-        assert scores.correlation_limits(c, missions=9).lowest < limits[-1].lowest < limits[-1].median < 1.0
+        limits.append(correlations.correlation_limits(c))
+        halves.append(correlations.halves(c))
+        assert correlations.correlation_limits(c, missions=9).lowest < limits[-1].lowest < limits[-1].median < 1.0
         # Another simulator that is told orders the means otherwise, by more than the noise of the data.
         assert limits[-1].visible < limits[-1].median
     assert limits[0].median > limits[1].median
@@ -86,17 +86,17 @@ def test_limits_of_correlation():
 def test_a_simulator_whose_means_are_ordered_as_said_is_told():
     """The power that is stated, played with other simulators of which some order the means as bad, or worse."""
     random = np.random.default_rng(2)
-    limits = scores.correlation_limits(artificial(range(20), spread=5.0))
+    limits = correlations.correlation_limits(artificial(range(20), spread=5.0))
     true = np.arange(20.0)
     truth, found = [], []
     for size in np.tile([0.0, 5.0, 10.0], 200):
         means = true + random.normal(0.0, size, 20)
-        truth.append(scores.correlation(true, means))
+        truth.append(correlations.correlation(true, means))
         ours, theirs = (random.normal(mean, 5.0 / np.sqrt(n)) for mean, n in ((true, 180), (means, 20)))
-        found.append(scores.correlation(theirs, ours))
+        found.append(correlations.correlation(theirs, ours))
     told, truth = np.array(found) < limits.lowest, np.array(truth)
     assert min(np.sum(truth == 1.0), np.sum(truth <= limits.visible)) >= 100
-    assert told[truth <= limits.visible].mean() > scores.POWER - 0.05
+    assert told[truth <= limits.visible].mean() > correlations.POWER - 0.05
     assert told[truth == 1.0].mean() < 0.05  # 1 %, of a limit that is itself estimated
 
 
@@ -104,17 +104,20 @@ def test_limits_with_other_numbers_of_runs():
     c = artificial(range(10), spread=3.0)
     for one in c.controllers[:3]:
         one.theirs["score"], one.ours["score"] = one.theirs["score"][:2], one.ours["score"][:50]
-    assert scores.correlation_limits(c).lowest < scores.correlation_limits(artificial(range(10), spread=3.0)).lowest
+    assert (
+        correlations.correlation_limits(c).lowest
+        < correlations.correlation_limits(artificial(range(10), spread=3.0)).lowest
+    )
     assert (c.recorded_runs, c.our_runs) == (20, 200)
     c.controllers[0].ours["score"] = c.controllers[0].ours["score"][:1]
-    assert np.isnan(scores.correlation_limits(c).lowest)
+    assert np.isnan(correlations.correlation_limits(c).lowest)
 
 
 def test_bias_counts_the_luck_of_shared_seeds_once():
     c = artificial([0.0] * 10, spread=1.0)
     for one in c.controllers:
         one.theirs["score"] = c.controllers[0].theirs["score"]
-    _, error = scores.bias(c, "score")
+    _, error = correlations.bias(c, "score")
     assert error == pytest.approx(1 / np.sqrt(20), rel=0.4)
 
 

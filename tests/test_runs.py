@@ -654,16 +654,16 @@ class TestRuns:
         (tmp_path / "t" / JOURNAL).write_bytes(b"x\n" + (folder / JOURNAL).read_bytes())
         code, out, err = mdesign("runs", "list", tmp_path)
         assert (code, err.count("\n"), f"Warning: {tmp_path / 't' / JOURNAL}, line 1: " in err) == (0, 1, True)
-        assert {line.split()[0]: line.split()[1:7] for line in out.splitlines()[1:]} == {
-            str(folder): ["aggregation", "irace", "1", "120", "120", "finished"],
-            str(tmp_path / "s"): ["aggregation", "irace", "1", "31", "120", "stopped"],
+        assert {line.split()[0]: line.split()[1:8] for line in out.splitlines()[1:]} == {
+            str(folder): ["aggregation", "watermelon", "irace", "1", "120", "120", "finished"],
+            str(tmp_path / "s"): ["aggregation", "watermelon", "irace", "1", "31", "120", "stopped"],
             str(tmp_path / "t"): ["damaged"],
         }
         with Journal(folder / JOURNAL, new=False):
             states = {run["run"]: run["state"] for run in json.loads(mdesign("runs", "list", tmp_path, "--json")[1])}
             assert states[str(folder)] == "running"
         session = read(folder / JOURNAL).record.sessions[0]
-        assert next(line.split()[7] for line in out.splitlines() if line.startswith(f"{folder} ")) == session.time
+        assert next(line.split()[8] for line in out.splitlines() if line.startswith(f"{folder} ")) == session.time
         assert mdesign("runs", "list", tmp_path / "nowhere")[0] == 1
 
     def test_one_that_had_ended_and_lost_its_end(self, mdesign, folder, undisturbed):

@@ -119,21 +119,7 @@ def evaluate(
     seeds = instances or fresh_instances(seed, runs)
     if cost_alone and progress == "auto":
         progress = "none"
-    total, evaluated = len(seeds) * len(pfsms), list[Evaluated]()
-    with Interrupt() as interrupt, Display(f"{loaded.name}: evaluating", total, progress) as display:
-
-        def watch(done: int) -> None:
-            done += len(seeds) * len(evaluated)
-            display.show(done)
-            interrupt.check(f"{done} of {total} experiments were done")
-
-        for name, pfsm in pfsms.items():
-            if stats:
-                result, did = evaluate_with_stats(simulator, pfsm, seeds, jobs=jobs, watch=watch)
-            else:
-                did = None
-                result = measure(loaded, pfsm, seeds=seeds, robot_model=simulator.robot_model, jobs=jobs, watch=watch)
-            evaluated.append(Evaluated(name, pfsm, result, did))
+    evaluated = measured(pfsms, simulator, seeds, jobs=jobs, stats=stats, progress=progress)
     if cost_alone:
         print_result(repr(0.0 + loaded.cost(evaluated[0].scores.mean)))
         return
@@ -145,6 +131,35 @@ def evaluate(
     else:
         report = comparison_json if as_json else comparison_text
         print_result(report(Comparison(evaluated, simulator), simulator, seed=master))
+
+
+def measured(
+    pfsms: Mapping[str, Pfsm],
+    simulator: Simulator,
+    seeds: Sequence[int],
+    *,
+    jobs: int | None,
+    progress: Mode,
+    stats: bool = False,
+) -> list[Evaluated]:
+    """Run controllers on the same instances, and show the progress; Ctrl-C stops."""
+    mission, model = simulator.mission, simulator.robot_model
+    total, evaluated = len(seeds) * len(pfsms), list[Evaluated]()
+    with Interrupt() as interrupt, Display(f"{mission.name}: evaluating", total, progress) as display:
+
+        def watch(done: int) -> None:
+            done += len(seeds) * len(evaluated)
+            display.show(done)
+            interrupt.check(f"{done} of {total} experiments were done")
+
+        for name, pfsm in pfsms.items():
+            if stats:
+                result, did = evaluate_with_stats(simulator, pfsm, seeds, jobs=jobs, watch=watch)
+            else:
+                did = None
+                result = measure(mission, pfsm, seeds=seeds, robot_model=model, jobs=jobs, watch=watch)
+            evaluated.append(Evaluated(name, pfsm, result, did))
+    return evaluated
 
 
 def _without_effect(pfsms: Mapping[str, Pfsm], simulator: Simulator) -> list[str]:

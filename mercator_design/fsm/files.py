@@ -16,6 +16,7 @@ from mercator_design.fsm.words.names import is_state_name, state_names
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 64 * 1024
+_MAX_SET = 4 * 1024 * 1024
 _FLAVOUR, _NAMES = "flavour", "state names"
 """Keys of the header of an fsm.txt that say what the PFSM is; the others say what is known of it."""
 _IS_YAML = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
@@ -52,7 +53,7 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     Raises:
         FsmError: naming file and line.
     """
-    text, is_yaml = _contents(path)
+    text, is_yaml = _contents(path, _MAX_SIZE)
     if is_yaml:
         return _read_yaml(text, path, flavour, tolerate)
     header, found = _lines(text)
@@ -68,17 +69,17 @@ def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None =
     The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
     `read_fsm`.
     """
-    text, is_yaml = _contents(path)
+    text, is_yaml = _contents(path, _MAX_SET)
     header, found = _lines(text)
     if is_yaml or len(found) < 2:
         return {1: read_fsm(path, flavour, tolerate=tolerate)}
     return {number: _read_line(number, line, header, path, flavour, tolerate) for number, line in found}
 
 
-def _contents(path: Path) -> tuple[str, bool]:
+def _contents(path: Path, max_size: int) -> tuple[str, bool]:
     """The text of a file, and whether it is an fsm.yaml."""
     try:
-        text = read_small(path, _MAX_SIZE).decode("utf-8-sig")
+        text = read_small(path, max_size).decode("utf-8-sig")
     except Unreadable as error:
         raise FsmError(f"{path}: {error}") from None
     except UnicodeDecodeError as error:

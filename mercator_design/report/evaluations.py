@@ -56,15 +56,21 @@ class Comparison:
         costs = [simulator.mission.cost(one.scores.mean) for one in of]
         self.best = costs.index(min(costs))
         self.pairs: list[Pair] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
+        self._with_best = {
+            other: pair.p_value
+            for pair in self.pairs
+            for own, other in ((pair.first, pair.second), (pair.second, pair.first))
+            if own == self.best
+        }
 
     def at(self, place: object) -> Evaluated:
         """The PFSM at a place of a pair."""
-        return dict[object, Evaluated](enumerate(self.of))[place]
+        assert isinstance(place, int)  # noqa: S101 - a place in `of`
+        return self.of[place]
 
     def p_value(self, place: int) -> float | None:
         """That of the pair with the best; None if there is none."""
-        wanted = {place, self.best}
-        return next((pair.p_value for pair in self.pairs if {pair.first, pair.second} == wanted), None)
+        return self._with_best.get(place)
 
     def equals(self) -> list[str]:
         """The labels of those that do not differ significantly from the best."""
@@ -141,7 +147,8 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
         rest = ", significantly better than the others"
     lines += ["", f"Best: {best.label}{rest}"]
     if found.pairs:
-        lines += [f"p: paired t-tests of {len(found.pairs)} pairs, with Holm's correction"]
+        n = len(found.pairs)
+        lines += ["p: paired t-test" if n == 1 else f"p: paired t-tests of {n} pairs, with Holm's correction"]
     if best.stats is not None:
         header, *cells = _stats_rows(found.of)
         lines += ["", *aligned([header, *([_short(cell) for cell in row] for row in cells)])]
@@ -163,29 +170,31 @@ def comparison_csv(found: Comparison) -> str:
 
 def comparison_json(found: Comparison, simulator: Simulator, *, seed: int | None) -> str:
     """All figures and pairs as JSON."""
+    return json.dumps(comparison_data(found, simulator, seed=seed), allow_nan=False)
+
+
+def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+    """What `comparison_json` says."""
     best = found.of[found.best]
-    return json.dumps(
-        {
-            **_facts(best.scores, simulator, seed),
-            "seeds": best.result.seeds,
-            "best": best.name,
-            "fsms": [
-                {"name": one.name, "fsm": to_text(one.pfsm), "scores": one.scores.values, **_figures(one)}
-                for one in found.of
-            ],
-            "pairs": [
-                {
-                    "first": found.at(pair.first).name,
-                    "second": found.at(pair.second).name,
-                    "mean_difference": pair.differences.mean,
-                    "confidence_interval": pair.differences.confidence_interval,
-                    "p_value": pair.p_value,
-                }
-                for pair in found.pairs
-            ],
-        },
-        allow_nan=False,
-    )
+    return {
+        **_facts(best.scores, simulator, seed),
+        "seeds": best.result.seeds,
+        "best": best.name,
+        "fsms": [
+            {"name": one.name, "fsm": to_text(one.pfsm), "scores": one.scores.values, **_figures(one)}
+            for one in found.of
+        ],
+        "pairs": [
+            {
+                "first": found.at(pair.first).name,
+                "second": found.at(pair.second).name,
+                "mean_difference": pair.differences.mean,
+                "confidence_interval": pair.differences.confidence_interval,
+                "p_value": pair.p_value,
+            }
+            for pair in found.pairs
+        ],
+    }
 
 
 def _head(scores: Scores, simulator: Simulator, seed: int | None) -> list[str]:

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Any, Literal, NamedTuple, Protocol, Self, get_args
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
+from mercator_design.command import print_message
 from mercator_design.errors import printable
 from mercator_design.race.racing.summary import Progress as RaceProgress
 from mercator_design.race.running.evaluation import Testing
@@ -119,8 +119,8 @@ class _PlainLines:
         total, pace = f"/{state.total}" if state.total else "", ""
         if state.rate > 0:
             left = (state.total - state.done) / state.rate
-            pace = f", {state.pace}" + (f", {timedelta(seconds=round(left))} left" if 0 < left < 1e9 else "")
-        click.echo(f"{state.text}, {state.done}{total} experiments{pace}", err=True)
+            pace = f", {state.pace}" + (f", {timedelta(seconds=round(left))} left" if 0.5 < left < 1e9 else "")
+        print_message(f"{state.text}, {state.done}{total} experiments{pace}")
 
 
 class _MovingLine:

@@ -1,34 +1,51 @@
 """Reports on races from their journals: a table of all, or a page on one."""
 
 import json
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from mercator_design.errors import RaceError, printable
-from mercator_design.race.racing.summary import Scores
+from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.events import SessionStarted, SessionStopped
 from mercator_design.race.running.journal import Reading, is_locked
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned
-from mercator_design.report.iterations import iteration_notes, iterations_table
+from mercator_design.report.iterations import incumbents, iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
 from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 
+_COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
+_DISPENSABLE = ("started", "seed", "name", "budget")
 
-def runs_table(folder: Path) -> tuple[str, list[str]]:
+
+def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
     """A table of the races in the subfolders of a folder, and notes on damaged ones.
+
+    Args:
+        folder: The folder.
+        width: Of a line [characters]; less important columns are left out if there is too little space. None: no limit.
 
     Raises:
         RaceError: if there is no such folder.
     """
     found = _runs(folder)
-    names = ("run", "name", "method", "seed", "experiments", "budget", "state", "started")
-    rows: list[tuple[object, ...]] = [(*names, "mean of winner")]
-    for run in found:
-        score = None if run["score"] is None else f"{run['score']:.4g}"
-        rows.append((*(run[name] for name in names), score))
+    columns = list(_COLUMNS)
+    lines = _table(found, columns)
+    for name in _DISPENSABLE:
+        if width is None or max(map(len, lines)) <= width:
+            break
+        columns.remove(name)
+        lines = _table(found, columns)
     wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
-    return "\n".join(aligned(rows)), [note for run in wrong for note in run["notes"]]
+    return "\n".join(lines), [note for run in wrong for note in run["notes"]]
+
+
+def _table(runs: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[str]:
+    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in columns] for run in runs]
+    return aligned([["mean" if name == "score" else name for name in columns], *rows])
 
 
 def runs_json(folder: Path) -> str:
@@ -85,6 +102,105 @@ def run_summary(path: Path) -> str:
     return "\n".join(map(printable, lines))
 
 
+def side_by_side(folders: Sequence[Path]) -> str:
+    """Races as the columns of a table.
+
+    Raises:
+        RaceError: A folder has no race that has begun, or its journal is corrupt.
+    """
+    races = [(folder, _begun(folder)) for folder in folders]
+    columns = [{"": str(folder), **_cells(folder, reading)} for folder, reading in races]
+    rows = {name: [column[name] for column in columns] for name in columns[0]}
+    known = [(name, *cells) for name, cells in rows.items() if any(cell is not None for cell in cells)]
+    return "\n".join(aligned(known))
+
+
+def races_json(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """What `runs_json` says of each race; errors are those of `side_by_side`."""
+    return [run_of(folder, _begun(folder)) for folder in folders]
+
+
+def _begun(folder: Path) -> Reading:
+    reading = read_journal(folder)
+    if not reading.record.start:
+        raise RaceError(f"{folder}: expected a race that has begun, found none")
+    return reading
+
+
+def _cells(folder: Path, reading: Reading) -> dict[str, object]:
+    """The column of a race."""
+    record, run = reading.record, run_of(folder, reading)
+    start, winner = record.start, run["winner"]
+    found = [one.score for one in record.results() if one.configuration == winner and one.score is not None]
+    return {
+        "name": start["name"],
+        "task": start["task"],
+        "mission digest": start.get("mission_digest"),
+        "robot model": start.get("robot_model"),
+        "flavour": start.get("flavour"),
+        "method": start["method"],
+        "seed": start["seed"],
+        "budget": record.budget,
+        "experiments": run["experiments"],
+        "iterations": len(record.iterations),
+        "configurations": len(record.configurations),
+        "state": run["state"],
+        "winner": winner,
+        **_scores("race", found),
+        **_scores("test", record.test_scores().get(winner, ())),
+    }
+
+
+def _scores(where: str, scores: Sequence[float]) -> dict[str, object]:
+    """Mean, confidence interval and number of scores, in cells of their own, so that several races fit a line."""
+    of = Scores(tuple(scores))
+    interval = of.confidence_interval if scores else None
+    return {
+        f"{where} mean": f"{of.mean:.4g}" if scores else None,
+        f"{where} interval": None if interval is None else f"{interval[0]:.3g} to {interval[1]:.3g}",
+        f"{where} scores": len(scores) or None,
+    }
+
+
+def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
+    """Draw the best of each iteration over the experiments so far, a line with its confidence band for each race.
+
+    Args:
+        path: The picture; its suffix .png or .svg is the format.
+        folders: The run folders.
+        command: The command that draws it, for the caption.
+
+    Raises:
+        OSError: The picture cannot be written.
+        RaceError: As `side_by_side`.
+    """
+    from mercator_design.view.charts import Axis, Line
+    from mercator_design.view.pictures.curves import save_curves
+
+    lines, names = [], []
+    for folder in folders:
+        record = _begun(folder).record
+        found = [one for one in incumbents(record) if one.scores]
+        scores = [Scores(tuple(one.scores.values())) for one in found]
+        intervals = [one.confidence_interval or (one.mean, one.mean) for one in scores]
+        lines.append(
+            Line(
+                printable(str(folder)),
+                [*accumulate(one.ended.used for one in found)],
+                [one.mean for one in scores],
+                [low for low, _ in intervals],
+                [high for _, high in intervals],
+            )
+        )
+        names.append(printable(str(record.start["name"])))
+    caption = (
+        f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"
+    )
+    y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
+    title = ", ".join(dict.fromkeys(names))
+    save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption)
+
+
 def _runs(folder: Path) -> list[dict[str, Any]]:
     try:
         journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
@@ -111,7 +227,7 @@ def _modified(file: Path) -> float:
         return 0.0
 
 
-_KEYS = ("run", "name", "method", "seed", "experiments", "budget", "state", "started", "winner", "score", "notes")
+_KEYS = (*_COLUMNS, "winner", "notes")
 
 
 def run_of(path: Path, reading: Reading) -> dict[str, Any]:
@@ -129,13 +245,16 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         run["state"] = "stopped"
     run["notes"] = [] if is_running else [missing] * bool(missing) + warnings
     if record.start:
-        run |= {name: record.start[name] for name in ("name", "method", "seed")} | {"budget": record.budget}
+        run |= {name: record.start[name] for name in ("name", "method", "seed")}
+        run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
     if record.sessions:
         run["started"] = record.sessions[0].time
     if record.ends:
         winner = record.ends[-1].winner
         scores = [one.score for one in record.results() if one.configuration == winner and one.score is not None]
         run |= {"winner": winner, "score": sum(scores) / len(scores)}
+        if tests := record.test_scores().get(winner):
+            run["tested"] = fmean(tests)
     return run
 
 

@@ -1,6 +1,9 @@
-"""mdesign runs: shows and analyses the run folders of races."""
+"""mdesign runs: shows, compares and analyses the run folders of races."""
 
 import contextlib
+import json
+import shlex
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -8,9 +11,12 @@ from typing import Any
 import click
 
 from mercator_design.analysis import analysis
-from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, plot_of, seed_of
+from mercator_design.analysis.winners import winners
+from mercator_design.api import fresh_instances
+from mercator_design.cli.evaluate import measured
+from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import print_message, print_result, warn
+from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.analysis import (
@@ -22,8 +28,9 @@ from mercator_design.report.analysis import (
     save_ablation,
 )
 from mercator_design.report.columns import with_notes_wrapped
-from mercator_design.report.progress import AblationDisplay
-from mercator_design.report.runs import run_summary, runs_json, runs_table
+from mercator_design.report.evaluations import Comparison, comparison_data, comparison_text
+from mercator_design.report.progress import AblationDisplay, Mode
+from mercator_design.report.runs import races_json, run_summary, runs_json, runs_table, save_races, side_by_side
 from mercator_design.runs.files import restored
 from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
 from mercator_design.runs.verification import verify as verify_run
@@ -45,7 +52,7 @@ def _stoppable(task: Task[Any], jobs: int | None) -> Iterator[tuple[Executor, Ca
 @click.group(invoke_without_command=True)
 @click.pass_context
 def runs(context: click.Context) -> None:
-    """List, show, verify and analyse races.
+    """List, show, compare, verify and analyse races.
 
     Without a command, list the races in the folder runs.
     """
@@ -61,7 +68,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
     if as_json:
         print_result(runs_json(folder))
         return
-    table, notes = runs_table(folder)
+    table, notes = runs_table(folder, terminal_width())
     print_result(table)
     warn(notes)
 
@@ -81,6 +88,49 @@ def show(directory: Path, what: str | None) -> None:
         print_result(tests_table(directory).to_csv(index=False), nl=False)
     else:
         print_result(configurations_table(directory).to_csv(), nl=False)
+
+
+@runs.command(short_help="Compare races, and their winners on the same instances.")
+@click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIRECTORY...")
+@click.option(
+    "-n", "--runs", type=click.IntRange(0, 10**6), default=0, help="Run the winners on N fresh instances.", metavar="N"
+)
+@seed_of("Seed of the fresh instances.")
+@JOBS
+@JSON
+@plot_of("Draw the best score over the budget of each race.")
+@PROGRESS
+def compare(
+    directories: tuple[Path, ...],
+    runs: int,
+    seed: int,
+    jobs: int | None,
+    as_json: bool,
+    plot: Path | None,
+    progress: Mode,
+) -> None:
+    """Show the races of several DIRECTORIES side by side: request, budget, winner, scores.
+
+    With --runs, the winners of races for the same mission run on the same fresh instances: a table with paired tests
+    shows which is best, as that of `mdesign evaluate`.
+    """
+    table, races = side_by_side(directories), races_json(directories)
+    found, simulator = None, None
+    if runs:
+        pfsms, simulator = winners(directories)
+        simulator.rehearse(announce=print_note)
+        evaluated = measured(pfsms, simulator, fresh_instances(seed, runs), jobs=jobs, progress=progress)
+        found = Comparison(evaluated, simulator)
+    if as_json:
+        data = comparison_data(found, simulator, seed=seed) if found and simulator else None
+        print_result(json.dumps({"races": races, "evaluation": data}, allow_nan=False))
+    else:
+        print_result(table)
+        if found and simulator:
+            print_result(f"\n{comparison_text(found, simulator, seed=seed)}")
+    if plot is not None:
+        with writing(plot):
+            save_races(plot, directories, command=shlex.join(["mdesign", *sys.argv[1:]]))
 
 
 @runs.command(short_help="Check the journal of a race, and run a sample of it again.")

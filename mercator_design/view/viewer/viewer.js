@@ -827,7 +827,7 @@ const MercatorReplay = (() => {
 
     controls() {
       const button = (label, hint, action) => make("button", { type: "button", title: hint, "aria-label": hint, text: label, on: { click: action } });
-      this.playButton = button("▶", "Play or pause (space)", () => this.toggle());
+      this.playButton = button("Play", "Play or pause (space)", () => this.toggle());
       this.slider = make("input", {
         type: "range", min: "0", max: String(this.cycles), step: "1", value: "0", "aria-label": "Time",
         on: { input: () => this.seek(Number(this.slider.value)) },
@@ -967,7 +967,7 @@ const MercatorReplay = (() => {
     draw() {
       for (const scene of this.scenes) scene.draw(this.cycle);
       this.slider.value = String(Math.round(this.cycle));
-      this.playButton.textContent = this.isPlaying ? "⏸" : "▶";
+      this.playButton.textContent = this.isPlaying ? "Pause" : "Play";
     }
   }
 

@@ -325,7 +325,7 @@ def test_optuna_s_own_pruner_does_the_same():
 
     draws = np.random.default_rng(1)
     decisions = []
-    for _ in range(15):
+    for _ in range(40):
         race = search_of("random", budget=400, instances=8, generation=2, pruning=0.1)
         study = optuna.create_study(pruner=optuna.pruners.WilcoxonPruner())
         best = draws.integers(0, 4, 8)
@@ -340,7 +340,7 @@ def test_optuna_s_own_pruner_does_the_same():
             study.tell(trial, costs.mean())
             race.history.elites = [race.history.statistics(0)]
     assert all(ours == theirs for ours, theirs in decisions)
-    assert 10 < sum(ours for ours, _ in decisions) < 110
+    assert 20 < sum(ours for ours, _ in decisions) < 300
 
 
 def test_cma_es_needs_numbers():

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from datetime import timedelta
-from typing import Any, Literal, NamedTuple, Protocol, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -46,36 +46,24 @@ class _State(NamedTuple):
         return f"{self.rate:.0f}/s" if self.rate >= 10 else f"{self.rate:.2g}/s"
 
 
-class _Line(Protocol):
-    """Shows states; all but `show` and `conclude` may be called at any time."""
-
-    is_wide: bool
-
-    def start(self) -> None: ...
-
-    def stop(self) -> None: ...
-
-    def show(self, state: _State) -> None: ...
-
-    def conclude(self, state: _State) -> None:
-        """Show a state that concludes a part of the work."""
-
-
-class _Silence:
-    """Shows nothing."""
+class _Line:
+    """Shows states; this one shows nothing."""
 
     is_wide = False
+    """Whether there is space for all figures."""
 
     def start(self) -> None: ...
 
     def stop(self) -> None: ...
 
-    def show(self, state: _State) -> None: ...
+    def show(self, state: _State) -> None:
+        """Show the present state."""
 
-    def conclude(self, state: _State) -> None: ...
+    def conclude(self, state: _State) -> None:
+        """Show the state at the end of a part of the work."""
 
 
-class _PlainLines:
+class _PlainLines(_Line):
     """Prints the latest state at least every `PLAIN_EVERY` seconds, also while nothing happens."""
 
     is_wide = True
@@ -123,7 +111,7 @@ class _PlainLines:
         print_message(f"{state.text}, {state.done}{total} experiments{pace}")
 
 
-class _MovingLine:
+class _MovingLine(_Line):
     """A line of a terminal, with a bar if there is space."""
 
     def __init__(self, console: Console) -> None:
@@ -157,8 +145,6 @@ class _MovingLine:
             self._task, completed=state.done, total=state.total, rate=state.pace, description=state.text
         )
 
-    def conclude(self, state: _State) -> None: ...
-
 
 class Display:
     """Counts experiments, with their rate and the remaining time.
@@ -181,7 +167,7 @@ class Display:
         console = Console(stderr=True, force_terminal=True if mode == "rich" else None)
         if mode == "auto":
             mode = "rich" if console.is_terminal else "plain"
-        self.line: _Line = _Silence()
+        self.line = _Line()
         if mode == "rich":
             self.line = _MovingLine(console)
         elif mode == "plain":

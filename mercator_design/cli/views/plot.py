@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.views.sources import shows_experiments
-from mercator_design.command import print_result
+from mercator_design.command import OUTPUT_FILE, print_result
 from mercator_design.errors import printable
 from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
@@ -20,7 +20,7 @@ from mercator_design.view.pictures.plots import KINDS, save_plots
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OUTPUT_FILE,
     default=Path("plot.png"),
     show_default=True,
     help=f"The figure; its suffix, {', '.join(FORMATS)}, is the format.",

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.views.sources import shows_experiments
-from mercator_design.command import OUTPUT_FILE, print_message, print_result
+from mercator_design.command import OUTPUT_FILE, NumberRange, print_message, print_result
 from mercator_design.errors import printable
 from mercator_design.report.progress import Display
 from mercator_design.system.files import writing
@@ -39,9 +39,9 @@ class FilmFile(click.Path):
 @click.option(
     "--video", type=FilmFile(dir_okay=False), metavar="FILE.mp4|FILE.gif", help="Write a film instead of the page."
 )
-@click.option("--speed", type=click.FloatRange(0.1, 64.0), default=4.0, show_default=True, help="Speed of the film.")
+@click.option("--speed", type=NumberRange(0.1, 64.0), default=4.0, show_default=True, help="Speed of the film.")
 @click.option(
-    "--png", "at", type=click.FloatRange(0.0), metavar="SECONDS", help="Write a picture of this time instead."
+    "--png", "at", type=NumberRange(0.0), metavar="SECONDS", help="Write a picture of this time instead."
 )
 def replay(
     shown: list[ShownExperiment],

@@ -34,7 +34,8 @@ def blocks(language):
 
 @pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize("code", blocks("python"))
-def test_python_in_the_documents_runs(code):
+def test_python_in_the_documents_runs(code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # some write files
     with contextlib.redirect_stdout(io.StringIO()):
         exec(compile(code, "document", "exec"), {})  # noqa: S102 - our own documents
 

@@ -9,6 +9,7 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -88,14 +89,15 @@ class Follower(ThreadingHTTPServer):
         """Whether a request names this server."""
         return host in {f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"}
 
-    def page(self) -> str:
-        """The page; the report when the race has ended."""
+    def tell(self, send: Callable[[str], None]) -> None:
+        """Send the page; the report when the race has ended."""
         if self.is_running:
-            return self._page
+            send(self._page)
+            return
         with self._lock:
-            page = self._report()
-        self._is_told = True
-        return page
+            report = self._report()
+        send(report)
+        self._is_told = True  # not before: the server ends with it
 
     def live(self) -> str:
         """The live part of the page as JSON."""
@@ -124,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
         if not self.server.is_own(self.headers.get("Host")):
             self._answer(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "This is not the host of this page.\n")
         elif self.path == "/":
-            self._answer(HTTPStatus.OK, "text/html", self.server.page())
+            self.server.tell(partial(self._answer, HTTPStatus.OK, "text/html"))
         elif self.path == "/live":
             self._answer(HTTPStatus.OK, "application/json", self.server.live())
         else:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import load_plugins
-from mercator_design.command import FILE
+from mercator_design.command import FILE, OutputFile
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.report.progress import MODES
 
@@ -85,17 +85,23 @@ def PROGRESS(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - 
     return progress(quiet(with_mode))
 
 
-class PictureFile(click.Path):
-    """The file of a picture; its suffix is the format."""
+class FileOf(OutputFile):
+    """A file to write; its suffix, one of several, is the format."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
-        path: Any = super().convert(value, param, ctx)
-        if path.suffix.lower() not in {".png", ".svg"}:
-            self.fail(f"expected a name that ends in .png or .svg, found '{path.name}'", param, ctx)
+    def __init__(self, *suffixes: str) -> None:
+        super().__init__(path_type=Path, dir_okay=False)
+        self._suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:  # noqa: ANN401
+        path = Path(str(super().convert(value, param, ctx)))
+        if path.suffix.lower() not in self._suffixes:
+            *others, last = self._suffixes
+            expected = f"expected a name that ends in {', '.join(others)} or {last}"
+            self.fail(f"{expected}, found '{path.name}'", param, ctx)
         return path
 
 
-PICTURE = PictureFile(path_type=Path, dir_okay=False)
+PICTURE = FileOf(".png", ".svg")
 
 
 def plot_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -1,6 +1,7 @@
 """Messages and signals of all verbs."""
 
 import contextlib
+import shlex
 import shutil
 import signal
 import sys
@@ -11,6 +12,11 @@ from typing import Self
 
 from mercator_design.command import print_message
 from mercator_design.errors import Signalled
+
+
+def command_line() -> str:
+    """The command as the user gave it, for the captions of pictures."""
+    return shlex.join(["mdesign", *sys.argv[1:]])
 
 
 def terminal_width() -> int | None:

@@ -33,6 +33,11 @@ STATE_COLOURS: tuple[Levels, Levels, Levels, Levels] = ((0, 114, 178), (230, 159
 """Colour of a robot's lamps in each state of its PFSM, by Okabe and Ito: colour-blind people can distinguish them."""
 
 
+def hex_of(red: float, green: float, blue: float) -> str:
+    """A colour as HTML and matplotlib write it."""
+    return f"#{round(red):02x}{round(green):02x}{round(blue):02x}"
+
+
 def rgb(colour: Colour) -> RGB:
     """Red, green and blue, each in 0 .. 255."""
     if isinstance(colour, str):

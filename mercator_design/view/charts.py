@@ -10,21 +10,23 @@ from dataclasses import dataclass, field
 from html import unescape
 from typing import NamedTuple
 
+from mercator_design.config.colours import hex_of
 from mercator_design.view.markup import escaped, label
 
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a7a7a")
+"""Of lines and bars on white."""
 STYLE = """
-.chart{--ink:#1c2430;--faint:#667180;--grid:#dfe4ea;--k0:#0072b2;--k1:#d55e00;--k2:#009e73;--k3:#cc79a7;--k4:#e69f00;
---k5:#56b4e9;--k6:#7a7a7a;width:100%;height:auto;display:block;font:12px system-ui,sans-serif;color:var(--ink)}
+.chart{--ink:#1c2430;--faint:#667180;--grid:#dfe4ea;SERIESwidth:100%;height:auto;display:block;
+font:12px system-ui,sans-serif;color:var(--ink)}
 @media (prefers-color-scheme:dark){.chart{--ink:#e6e9ee;--faint:#9aa5b1;--grid:#333b45;--k0:#4aa8e0;--k1:#f0803c;
 --k2:#2fc49a;--k6:#a0a7b0}.chart .shade{filter:brightness(1.6)}}
 @media print{.chart{--ink:#000;--faint:#444;--grid:#ddd;--k0:#0072b2;--k1:#d55e00;--k2:#009e73}}
 .chart text{fill:var(--ink)}.chart .tick{fill:var(--faint);font-size:11px}.chart .grid{stroke:var(--grid)}
 .chart .axis{stroke:var(--faint)}
-"""
+""".replace("SERIES", "".join(f"--k{k}:{colour};" for k, colour in enumerate(COLOURS)))
 WIDTH, WIDE = 460.0, 940.0
 _LETTER = 6.3  # width of a letter, about
 _ROW = 24.0
-_N_COLOURS = 7
 _SHADE = ' class="shade"'  # brighter on dark screens
 _VIRIDIS = ((68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98),
             (173, 220, 48), (253, 231, 37))  # fmt: skip
@@ -106,11 +108,11 @@ def line_chart(lines: Sequence[Line], x: Axis, y: Axis) -> str:
         y=y,
         xs=[value for line in lines for value in line.x],
         ys=[value for line in lines for value in (*line.y, *line.low, *line.high)],
-        legend=[(line.name, f"var(--k{k % _N_COLOURS})") for k, line in enumerate(lines)],
+        legend=[(line.name, f"var(--k{k % len(COLOURS)})") for k, line in enumerate(lines)],
     )
     drawn = []
     for k, line in enumerate(lines):
-        colour = f"var(--k{k % _N_COLOURS})"
+        colour = f"var(--k{k % len(COLOURS)})"
         if line.low:
             there = [frame.at(*point) for point in zip(line.x, line.high, strict=True)]
             back = [frame.at(*point) for point in zip(line.x, line.low, strict=True)]
@@ -137,7 +139,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
         y=y,
         xs=[],
         ys=[0.0, *sums],
-        legend=[(kind.name, f"var(--k{k % _N_COLOURS})") for k, kind in enumerate(kinds)],
+        legend=[(kind.name, f"var(--k{k % len(COLOURS)})") for k, kind in enumerate(kinds)],
     )
     drawn = []
     below = [0.0] * len(names)
@@ -148,7 +150,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
             below[place] += value
             drawn.append(
                 f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}" '
-                f'fill="var(--k{k % _N_COLOURS})" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
+                f'fill="var(--k{k % len(COLOURS)})" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
                 f"<title>{escaped(names[place])}, {escaped(kind.name)}: {number(value)}</title></rect>"
             )
     return frame.svg(drawn)
@@ -172,7 +174,7 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     )
     drawn = []
     for k, row in enumerate(rows):
-        y, colour = frame.top + _ROW * (k + 0.5), f"var(--k{row.colour % _N_COLOURS})"
+        y, colour = frame.top + _ROW * (k + 0.5), f"var(--k{row.colour % len(COLOURS)})"
         x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
         drawn += [
             f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
@@ -262,8 +264,7 @@ def viridis(share: float) -> str:
     """The colour of a place in 0 .. 1 of the scale viridis."""
     place = min(max(share, 0.0), 1.0) * (len(_VIRIDIS) - 1)
     k = min(int(place), len(_VIRIDIS) - 2)
-    mixed = (round(a + (b - a) * (place - k)) for a, b in zip(_VIRIDIS[k], _VIRIDIS[k + 1], strict=True))
-    return "#{:02x}{:02x}{:02x}".format(*mixed)
+    return hex_of(*(a + (b - a) * (place - k) for a, b in zip(_VIRIDIS[k], _VIRIDIS[k + 1], strict=True)))
 
 
 @dataclass(kw_only=True)

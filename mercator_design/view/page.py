@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mercator_design.system.files import write_text
 from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.markup import escaped
 from mercator_design.view.replay import replay_of
 
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
@@ -41,7 +42,7 @@ class ReplayPage:
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<title>{html.escape(title or shown[0].title)}</title>
+<title>{escaped(title or shown[0].title)}</title>
 <style>html, body {{ margin: 0; height: 100%; }}
 {viewer_style()}</style></head>
 <body><div id="replay"></div>

@@ -99,13 +99,10 @@ def _read_csv(path: Path) -> tuple[Floats, Floats, np.ndarray]:
     if missing := [name for name in _COLUMNS if name not in table]:
         raise MissionError(f"{path}: expected the columns {', '.join(_COLUMNS)}; {', '.join(missing)} is missing")
     table = table.sort_values(["time", "robot"], kind="stable")
-    robots = table["robot"].nunique()
-    if not robots or len(table) % robots or table.duplicated(["time", "robot"]).any():
+    shape = n, robots = table["time"].nunique(), table["robot"].nunique()
+    if table.empty or len(table) != n * robots or table.duplicated(["time", "robot"]).any():
         raise MissionError(f"{path}: expected one row for each time and robot")
     times = table["time"].to_numpy()[::robots]
-    if len(times) != table["time"].nunique():
-        raise MissionError(f"{path}: expected one row for each time and robot")
-    shape = (len(times), robots)
     poses = table[["x", "y", "heading"]].to_numpy().reshape(*shape, 3)
     states = table["state"].to_numpy().reshape(shape) if "state" in table else None
     return _checked(path, times, poses, states)

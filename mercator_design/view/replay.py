@@ -2,14 +2,13 @@
 
 import base64
 import io
-from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
-from mercator_design.config.colours import COLOURS, STATE_COLOURS
+from mercator_design.config.colours import COLOURS, STATE_COLOURS, hex_of
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.mission import Mission
@@ -51,7 +50,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "arena": _arena(shown),
         "floor": _floor(trace),
         "zones": _zone_names(trace),
-        "colours": [_hex(colour) for colour in STATE_COLOURS],
+        "colours": [hex_of(*colour) for colour in STATE_COLOURS],
         "machines": [
             {"states": shown.state_names(k), "diagram": diagram_svg(shown.pfsms[k], narrow=True)} for k in pfsms
         ],
@@ -69,10 +68,6 @@ def replay_of(shown: ShownExperiment) -> Replay:
     if perceived.proximity is not None:
         header["proximity"] = _add_proximity(arrays, perceived.proximity, model)
     return {"header": {**header, "layout": arrays.layout}, "data": arrays.text()}
-
-
-def _hex(colour: Sequence[int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def _by_robot(values: NDArray[Any]) -> NDArray[Any]:
@@ -101,7 +96,7 @@ def _add_ground(arrays: PackedArrays, ground: NDArray[np.uint8]) -> list[dict[st
     arrays.add("ground", numbers.reshape(ground.shape[:2]).T)
     names = {tuple(map(int, rgb)): name for name, rgb in COLOURS.items()}
     colours = [tuple(row) for row in seen.tolist()]
-    return [{"name": names.get(colour, _hex(colour)), "colour": _hex(colour)} for colour in colours]
+    return [{"name": names.get(colour, hex_of(*colour)), "colour": hex_of(*colour)} for colour in colours]
 
 
 def _add_proximity(arrays: PackedArrays, proximity: Floats, model: RobotModel) -> dict[str, Any] | None:

@@ -128,7 +128,7 @@ def test_browser_that_cannot_inflate(opened, shown):
 
 FLOOR = """(() => {
   const { stage } = player.scenes[0], { canvas } = stage, cycle = player.cycles;
-  stage.resize();
+  stage.draw(cycle);
   const context = canvas.getContext("2d"), { scale, middle } = stage.view(cycle);
   const place = ([x, y]) => [canvas.width / 2 + scale * (x - middle[0]), canvas.height / 2 - scale * (y - middle[1])];
   const [left, top] = place([0, 0]);

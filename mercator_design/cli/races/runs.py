@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import shlex
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ from mercator_design.analysis.winners import winners
 from mercator_design.api import fresh_instances
 from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
-from mercator_design.cli.terminal import Interrupt, terminal_width
+from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.race.running.executors import Executor, ExecutorStopped, ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
@@ -130,7 +128,7 @@ def compare(
             print_result(f"\n{comparison_text(found, simulator, seed=seed)}")
     if plot is not None:
         with writing(plot):
-            save_races(plot, directories, command=shlex.join(["mdesign", *sys.argv[1:]]))
+            save_races(plot, directories, command=command_line())
 
 
 @runs.command(short_help="Check the journal of a race, and run a sample of it again.")

@@ -1,13 +1,13 @@
 """mdesign plot: figures of experiments."""
 
-import shlex
-import sys
 from pathlib import Path
 
 import click
 
+from mercator_design.cli.options import FileOf
+from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
-from mercator_design.command import OUTPUT_FILE, print_result
+from mercator_design.command import print_result
 from mercator_design.errors import printable
 from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
@@ -20,7 +20,7 @@ from mercator_design.view.pictures.plots import KINDS, save_plots
 @click.option(
     "-o",
     "--output",
-    type=OUTPUT_FILE,
+    type=FileOf(*FORMATS),
     default=Path("plot.png"),
     show_default=True,
     help=f"The figure; its suffix, {', '.join(FORMATS)}, is the format.",
@@ -45,9 +45,6 @@ def plot(shown: list[ShownExperiment], output: Path, kinds: tuple[str, ...]) -> 
     distances     distances between robots over time
     score         score so far over time
     """  # noqa: D301 - click reads the control character
-    if output.suffix.lower() not in FORMATS:
-        found = f"expected a name that ends in {', '.join(FORMATS)}, found '{output.name}'"
-        raise click.BadParameter(found, param_hint="-o")
     with writing(output):
-        save_plots(output, shown, kinds or [*KINDS], caption=shlex.join(["mdesign", *sys.argv[1:]]))
+        save_plots(output, shown, kinds or [*KINDS], caption=command_line())
     print_result(printable(str(output)))

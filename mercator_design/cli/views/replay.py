@@ -1,12 +1,12 @@
 """mdesign replay: an experiment to look at."""
 
-import shlex
-import sys
 import webbrowser
 from pathlib import Path
 
 import click
 
+from mercator_design.cli.options import FileOf
+from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
 from mercator_design.command import OUTPUT_FILE, NumberRange, print_message, print_result
 from mercator_design.errors import printable
@@ -14,17 +14,7 @@ from mercator_design.report.progress import Display
 from mercator_design.system.files import writing
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.page import ReplayPage
-from mercator_design.view.pictures.film import FORMATS, Film, save_still
-
-
-class FilmFile(click.Path):
-    """The file of a film; its suffix is the format."""
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        path = Path(str(super().convert(str(value), param, ctx)))
-        if path.suffix.lower() not in FORMATS:
-            self.fail(f"expected a name that ends in {' or '.join(FORMATS)}, found '{path.name}'", param, ctx)
-        return path
+from mercator_design.view.pictures import figures, film
 
 
 @click.command(short_help="Show an experiment as a page, film or picture.")
@@ -37,7 +27,7 @@ class FilmFile(click.Path):
 )
 @click.option("--open", "is_opened", is_flag=True, help="Open the page in a browser.")
 @click.option(
-    "--video", type=FilmFile(dir_okay=False), metavar="FILE.mp4|FILE.gif", help="Write a film instead of the page."
+    "--video", type=FileOf(*film.FORMATS), metavar="FILE.mp4|FILE.gif", help="Write a film instead of the page."
 )
 @click.option("--speed", type=NumberRange(0.1, 64.0), default=4.0, show_default=True, help="Speed of the film.")
 @click.option(
@@ -61,17 +51,16 @@ def replay(
     """
     if video is not None and at is not None:
         raise click.UsageError("expected --video or --png, not both")
-    command = shlex.join(["mdesign", *sys.argv[1:]])
     score = "; ".join(f"{one.title}: score {one.score:g}" for one in shown if one.score is not None)
     if at is not None:
-        path = output or Path("replay.png")
+        path = FileOf(*figures.FORMATS).convert(output or "replay.png", None, None)
         with writing(path):
-            save_still(path, shown, at, caption=command)
+            film.save_still(path, shown, at, caption=command_line())
     elif video is not None:
         path = video
-        film = Film(shown, path, speed=speed, caption=command)
-        with writing(path), Display(f"{path.name}: frames", len(film.times)) as display:
-            film.write(display.show)
+        frames = film.Film(shown, path, speed=speed, caption=command_line())
+        with writing(path), Display(f"{path.name}: frames", len(frames.times)) as display:
+            frames.write(display.show)
     else:
         path = output or Path("replay.html")
         with writing(path):

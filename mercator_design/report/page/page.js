@@ -15,20 +15,21 @@ document.addEventListener("click", async (event) => {
 const data = document.getElementById("sources");
 if (data) {
   const sources = JSON.parse(data.textContent);
-  const stages = sources.map(() => null);
+  const stages = [];
   const tabs = [...document.querySelectorAll("[data-replay]")];
   const show = async (chosen) => {
-    for (const [k, tab] of tabs.entries()) tab.setAttribute("aria-selected", String(k === chosen));
-    for (const stage of stages) if (stage) stage.hidden = true;
-    if (!stages[chosen]) {
-      stages[chosen] = document.createElement("div");
+    const isNew = !stages[chosen];
+    if (isNew) {
+      stages[chosen] = document.getElementById("replay").appendChild(document.createElement("div"));
       stages[chosen].className = "stage";
+    }
+    tabs.forEach((tab, k) => tab.setAttribute("aria-selected", String(k === chosen)));
+    stages.forEach((stage, k) => (stage.hidden = k !== chosen));
+    if (isNew) {
       const root = stages[chosen].appendChild(document.createElement("div"));
-      document.getElementById("replay").append(stages[chosen]);
       window.player = await MercatorReplay.mount(root, [sources[chosen]]);
     }
-    stages[chosen].hidden = false;
   };
-  for (const [k, tab] of tabs.entries()) tab.addEventListener("click", () => show(k));
+  tabs.forEach((tab, k) => tab.addEventListener("click", () => show(k)));
   show(0);
 }

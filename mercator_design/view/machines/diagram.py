@@ -6,15 +6,14 @@ variable --panel is the background, `color` the ink.
 
 import math
 from collections.abc import Iterable, Sequence
-from html import escape
 
-from mercator_design.config.colours import STATE_COLOURS
-from mercator_design.errors import printable
+from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.modules import parameters_words
 from mercator_design.fsm.words.names import state_names
 from mercator_design.view.machines.layout import LINE, Arrow, Layout, Rectangle, laid_out
 from mercator_design.view.machines.occupancy import Occupancy
+from mercator_design.view.markup import escaped
 
 _PAD = 12.0
 _INITIAL = 34.0
@@ -57,9 +56,9 @@ def diagram_svg(
     layout = laid_out(texts, _arrows(pfsm, measured), narrow=narrow)
     left, top, width, height = _frame(layout, caption)
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="pfsm" role="img" aria-label="{escape(_summary(pfsm))}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="pfsm" role="img" aria-label="{escaped(_summary(pfsm))}" '
         f'width="{width:.0f}" height="{height:.0f}" viewBox="{left:.1f} {top:.1f} {width:.1f} {height:.1f}">',
-        f"<title>{escape(_summary(pfsm))}</title><style>{_STYLE}</style>",
+        f"<title>{escaped(_summary(pfsm))}</title><style>{_STYLE}</style>",
         f'<rect class="back" fill="#fff" x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}"/>',
     ]
     lines += [_line_svg(arrow) for arrow in layout.arrows]
@@ -68,7 +67,7 @@ def diagram_svg(
         lines += _box_svg(k, box, texts[k])
     for k, line in enumerate(reversed(caption)):
         y = top + height - _PAD - LINE * k
-        words = escape(printable(line))
+        words = escaped(line)
         lines.append(f'<text class="faint" style="text-anchor:start" x="{left + _PAD:.1f}" y="{y:.1f}">{words}</text>')
     return "\n".join([*lines, "</svg>", ""])
 
@@ -151,7 +150,7 @@ def _labels_svg(arrow: Arrow) -> list[str]:
 
 
 def _box_svg(k: int, box: Rectangle, lines: Sequence[str]) -> list[str]:
-    colour = "rgb({},{},{})".format(*STATE_COLOURS[k])
+    colour = hex_of(*STATE_COLOURS[k])
     y = box.y - 0.5 * LINE * (len(lines) - 1)
     parts = [f'<g data-state="{k}">']
     if k == 0:
@@ -162,7 +161,7 @@ def _box_svg(k: int, box: Rectangle, lines: Sequence[str]) -> list[str]:
     style = f'rx="9" fill="{colour}" fill-opacity="0.25" stroke="{colour}" stroke-width="2"'
     parts += [_rectangle(box, 'class="back" fill="#fff" rx="9"'), _rectangle(box, f'class="box" {style}')]
     name, *others = lines
-    parts.append(f'<text class="name" x="{box.x:.1f}" y="{y:.1f}">{escape(name)}</text>')
+    parts.append(f'<text class="name" x="{box.x:.1f}" y="{y:.1f}">{escaped(name)}</text>')
     parts += [_text(box.x, y + LINE * (n + 1), line, faint=False) for n, line in enumerate(others)]
     return [*parts, "</g>"]
 
@@ -174,4 +173,4 @@ def _rectangle(one: Rectangle, style: str) -> str:
 
 def _text(x: float, y: float, words: str, faint: bool) -> str:
     style = 'class="faint" ' if faint else ""
-    return f'<text {style}x="{x:.1f}" y="{y:.1f}">{escape(words)}</text>'
+    return f'<text {style}x="{x:.1f}" y="{y:.1f}">{escaped(words)}</text>'

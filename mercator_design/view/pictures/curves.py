@@ -6,10 +6,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mercator_design.view.charts import Axis, Line
+from mercator_design.view.charts import COLOURS, Axis, Line
 from mercator_design.view.pictures.figures import house_style, save_figure
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a7a7a")
 _STYLES = ("-", "--", ":", "-.")
 _CAPTION = 110  # characters in a line
 
@@ -32,8 +31,8 @@ def save_curves(path: Path, lines: Sequence[Line], x: Axis, y: Axis, *, title: s
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
         axes = figure.add_subplot()
         for place, line in enumerate(lines):
-            colour = _COLOURS[place % len(_COLOURS)]
-            style = _STYLES[place // len(_COLOURS) % len(_STYLES)]
+            colour = COLOURS[place % len(COLOURS)]
+            style = _STYLES[place // len(COLOURS) % len(_STYLES)]
             axes.plot(line.x, line.y, marker="o", ms=3.5, color=colour, linestyle=style, label=line.name)
             if line.low:
                 axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.15, linewidth=0)

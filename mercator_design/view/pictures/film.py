@@ -17,7 +17,6 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
-from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import MercatorError
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colours_at
@@ -29,6 +28,7 @@ from mercator_design.view.pictures.figures import house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
+    UNKNOWN,
     arena_grid,
     covered,
     draw_arena,
@@ -37,14 +37,13 @@ from mercator_design.view.pictures.scenery import (
     limits,
     name_zones,
     show_pixels,
+    state_colour,
 )
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
 
 FORMATS = (".mp4", ".gif")
-UNKNOWN = "#8a949c"
-"""Colour of robots whose control software is not known."""
 
 _RATES = {".mp4": 25.0, ".gif": 12.5}  # frames a second
 _DPI = 120
@@ -257,12 +256,7 @@ def _placed(outline: Floats, poses: Floats) -> Floats:
 def _colours(shown: ShownExperiment, states: NDArray[np.int8]) -> list[str]:
     if not shown.pfsms:
         return [UNKNOWN] * len(states)
-    return [hex_colour(state) for state in states]
-
-
-def hex_colour(state: int) -> str:
-    """The colour of a state."""
-    return "#{:02x}{:02x}{:02x}".format(*STATE_COLOURS[state % len(STATE_COLOURS)])
+    return [state_colour(state) for state in states]
 
 
 def _draw_timeline(axes: Axes, shown: ShownExperiment) -> Line2D:
@@ -283,7 +277,7 @@ def _draw_legend(figure: Figure, shown: ShownExperiment, middle: float) -> None:
     """The states, by colour."""
     if len(shown.pfsms) != 1:
         return
-    handles = [Patch(color=hex_colour(k), label=name) for k, name in enumerate(shown.state_names(0))]
+    handles = [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.state_names(0))]
     figure.legend(
         handles=handles,
         loc="lower center",

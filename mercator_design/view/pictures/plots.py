@@ -16,8 +16,15 @@ from scipy.spatial.distance import cdist
 from mercator_design.arrays import Floats
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.pictures.figures import house_style, save_figure
-from mercator_design.view.pictures.film import UNKNOWN, hex_colour
-from mercator_design.view.pictures.scenery import OUTSIDE, draw_arena, draw_floor, limits, name_zones
+from mercator_design.view.pictures.scenery import (
+    OUTSIDE,
+    UNKNOWN,
+    draw_arena,
+    draw_floor,
+    limits,
+    name_zones,
+    state_colour,
+)
 
 _COLUMN, _WIDTH, _LEFT = 4.9, 3.7, 0.6  # [inches] a column, the axes in it, and the space left of them
 _ABOVE, _BELOW = 0.3, 0.5  # [inches] the space for the legend, and for the axis
@@ -73,7 +80,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     poses = shown.trace.poses
     pieces = np.stack([poses[:-1, :, :2], poses[1:, :, :2]], axis=2).reshape(-1, 2, 2)
     states = shown.trace.states.reshape(-1)
-    colours = [hex_colour(state) for state in states.tolist()] if shown.pfsms else UNKNOWN
+    colours = [state_colour(state) for state in states.tolist()] if shown.pfsms else UNKNOWN
     axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.7, zorder=5), autolim=False)
     start, end = poses[0], poses[-1]
     axes.scatter(start[:, 0], start[:, 1], s=14.0, facecolors="white", edgecolors="black", linewidths=0.6, zorder=6)
@@ -82,7 +89,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
         Line2D([], [], marker="o", color="white", markeredgecolor="black", markersize=4.0, label="start"),
         Line2D([], [], marker="o", color="black", linewidth=0.0, markersize=4.0, label="end"),
     ]
-    handles += [Line2D([], [], color=hex_colour(k), label=name) for k, name in enumerate(_state_names(shown))]
+    handles += [Line2D([], [], color=state_colour(k), label=name) for k, name in enumerate(_state_names(shown))]
     _legend(axes, handles)
 
 
@@ -115,7 +122,7 @@ def _states(axes: Axes, shown: ShownExperiment) -> None:
     trace = shown.trace
     seconds = trace.cycles * trace.control_period
     n = max((len(pfsm.states) for pfsm in shown.pfsms), default=0)
-    colours = [hex_colour(k) for k in range(n)] if n else [UNKNOWN]
+    colours = [state_colour(k) for k in range(n)] if n else [UNKNOWN]
     states = trace.states.T if n else np.zeros_like(trace.states.T)
     axes.imshow(
         states,
@@ -128,7 +135,7 @@ def _states(axes: Axes, shown: ShownExperiment) -> None:
     )
     axes.set(xlabel="time [s]", ylabel="robot")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _legend(axes, [Patch(color=hex_colour(k), label=name) for k, name in enumerate(_state_names(shown))])
+    _legend(axes, [Patch(color=state_colour(k), label=name) for k, name in enumerate(_state_names(shown))])
 
 
 def _distances(axes: Axes, shown: ShownExperiment) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mercator_design.arrays import Flags, Floats
+from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.missions.arena import Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
@@ -21,10 +22,17 @@ from mercator_design.view.experiment import ShownExperiment
 PIXELS = 800
 """Of the floor, along its longer side."""
 OUTSIDE, WALL, OBSTACLE = "#e4e9ee", "#2b3440", "#8c6239"
+UNKNOWN = "#8a949c"
+"""Colour of robots whose control software is not known."""
 
 _FINER = 2  # points along a pixel's side
 _CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
+
+
+def state_colour(state: int) -> str:
+    """The colour of robots in a state."""
+    return hex_of(*STATE_COLOURS[state % len(STATE_COLOURS)])
 
 
 def extent(mission: Mission) -> tuple[Floats, Floats]:

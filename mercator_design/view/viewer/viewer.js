@@ -127,6 +127,15 @@ const MercatorReplay = (() => {
   const css = (element, name) => getComputedStyle(element).getPropertyValue(name).trim();
   const rgb = ([r, g, b]) => `rgb(${Math.round(r)},${Math.round(g)},${Math.round(b)})`;
 
+  /** Pixels of a canvas in a CSS pixel. */
+  const density = () => window.devicePixelRatio || 1;
+
+  /** Give a canvas as many pixels as its place on the screen has. */
+  function fit(canvas) {
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((n) => Math.max(1, Math.round(n * density())));
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  }
+
   function outline(context, points) {
     points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
     context.closePath();
@@ -224,17 +233,6 @@ const MercatorReplay = (() => {
       return [...(walls ? [closed(walls)] : []), ...(room ? [closed(room)] : []), ...seen.map(closed)].flat();
     }
 
-    resize() {
-      const ratio = window.devicePixelRatio || 1;
-      const { clientWidth, clientHeight } = this.canvas;
-      const width = Math.max(1, Math.round(clientWidth * ratio));
-      const height = Math.max(1, Math.round(clientHeight * ratio));
-      if (this.canvas.width !== width || this.canvas.height !== height) {
-        this.canvas.width = width;
-        this.canvas.height = height;
-      }
-    }
-
     /** Pixels of a metre, and where the arena's middle is on the canvas. */
     view(cycle) {
       const { width, height } = this.canvas;
@@ -250,7 +248,7 @@ const MercatorReplay = (() => {
 
     /** Metres of a point of the canvas [CSS pixels]. */
     locate(px, py, cycle) {
-      const ratio = window.devicePixelRatio || 1;
+      const ratio = density();
       const { scale, middle } = this.view(cycle);
       return [
         middle[0] + (px * ratio - 0.5 * this.canvas.width) / scale,
@@ -261,7 +259,7 @@ const MercatorReplay = (() => {
     robotAt(px, py, cycle) {
       const [x, y] = this.locate(px, py, cycle);
       const { scale } = this.view(cycle);
-      const near = Math.max(1.3 * this.replay.body.radius, (14 * (window.devicePixelRatio || 1)) / scale);
+      const near = Math.max(1.3 * this.replay.body.radius, (14 * density()) / scale);
       let found = null;
       let least = near;
       for (let i = 0; i < this.replay.robots; i++) {
@@ -273,8 +271,8 @@ const MercatorReplay = (() => {
     }
 
     draw(cycle) {
-      this.resize();
       const { canvas, replay, options } = this;
+      fit(canvas);
       const context = canvas.getContext("2d");
       const { scale, middle } = this.view(cycle);
       this.pixel = 1 / scale;
@@ -330,7 +328,7 @@ const MercatorReplay = (() => {
       }
       for (const { x, y, isOn } of lights) {
         context.beginPath();
-        context.arc(x, y, 7 * this.pixel * (window.devicePixelRatio || 1), 0, 2 * Math.PI);
+        context.arc(x, y, 7 * this.pixel * density(), 0, 2 * Math.PI);
         context.fillStyle = isOn ? "#ffd23f" : "transparent";
         context.strokeStyle = "#000";
         context.lineWidth = this.pixel;
@@ -350,7 +348,7 @@ const MercatorReplay = (() => {
       outline(context, replay.body.outline);
       context.fillStyle = replay.colour(state);
       context.strokeStyle = i === options.robot ? css(this.canvas, "--selected") : "#000";
-      context.lineWidth = (i === options.robot ? 3.5 : 1) * this.pixel * (window.devicePixelRatio || 1);
+      context.lineWidth = (i === options.robot ? 3.5 : 1) * this.pixel * density();
       context.fill();
       context.stroke();
       const r = replay.body.radius;
@@ -362,13 +360,13 @@ const MercatorReplay = (() => {
       context.fill();
       context.stroke();
       context.restore();
-      if (i === options.robot || r / this.pixel > 26 * (window.devicePixelRatio || 1)) {
+      if (i === options.robot || r / this.pixel > 26 * density()) {
         this.text(context, replay.names[i], x, y - 1.5 * r, 11);
       }
     }
 
     text(context, words, x, y, size) {
-      const ratio = window.devicePixelRatio || 1;
+      const ratio = density();
       context.save();
       context.translate(x, y);
       context.scale(this.pixel, -this.pixel);
@@ -393,7 +391,7 @@ const MercatorReplay = (() => {
 
     drawTrails(context, cycle) {
       const { replay, options } = this;
-      context.lineWidth = 1.5 * this.pixel * (window.devicePixelRatio || 1);
+      context.lineWidth = 1.5 * this.pixel * density();
       const begin = Math.max(0, Math.ceil(cycle) - TRAIL);
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.follow && options.robot !== i) continue;
@@ -428,7 +426,7 @@ const MercatorReplay = (() => {
       const bytes = Math.ceil(replay.robots / 8);
       if (!replay.arrays.seen) return;
       context.strokeStyle = css(this.canvas, "--link");
-      context.lineWidth = 1.2 * this.pixel * (window.devicePixelRatio || 1);
+      context.lineWidth = 1.2 * this.pixel * density();
       context.beginPath();
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
@@ -448,7 +446,8 @@ const MercatorReplay = (() => {
       const { replay, options } = this;
       if (!replay.proximity || !replay.arrays.proximity) return;
       const { angles, places, range, steps } = replay.proximity;
-      context.lineWidth = 1.2 * this.pixel * (window.devicePixelRatio || 1);
+      const [ray, hit] = ["--ray", "--hit"].map((name) => css(this.canvas, name));
+      context.lineWidth = 1.2 * this.pixel * density();
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
         const [x, y, heading] = replay.pose(i, cycle);
@@ -459,7 +458,7 @@ const MercatorReplay = (() => {
           const length = isClear ? range : (values[k] / steps) * range;
           const [a, b] = [x + cos * places[k][0] - sin * places[k][1], y + sin * places[k][0] + cos * places[k][1]];
           context.globalAlpha = isClear ? 0.18 : 0.9;
-          context.strokeStyle = css(this.canvas, isClear ? "--ray" : "--hit");
+          context.strokeStyle = isClear ? ray : hit;
           context.beginPath();
           context.moveTo(a, b);
           context.lineTo(a + length * Math.cos(heading + angle), b + length * Math.sin(heading + angle));
@@ -478,7 +477,7 @@ const MercatorReplay = (() => {
       for (let i = 0; i < replay.robots; i++) if (i !== options.robot) heads.push(replay.pose(i, cycle));
       context.fillStyle = css(this.canvas, "--hit");
       const { samples, range, headRadius } = replay.lidar;
-      const dot = 1.5 * this.pixel * (window.devicePixelRatio || 1);
+      const dot = 1.5 * this.pixel * density();
       for (let k = 0; k < samples; k++) {
         const angle = heading + (2 * Math.PI * k) / samples;
         const [dx, dy] = [Math.cos(angle), Math.sin(angle)];
@@ -544,7 +543,7 @@ const MercatorReplay = (() => {
     }
 
     get curveHeight() {
-      return 44 * (window.devicePixelRatio || 1);
+      return 44 * density();
     }
 
     cycleAt(px) {
@@ -553,12 +552,11 @@ const MercatorReplay = (() => {
     }
 
     draw(cycle) {
-      const ratio = window.devicePixelRatio || 1;
-      const width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
-      const height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
+      fit(this.canvas);
+      const ratio = density();
+      const { width, height } = this.canvas;
       const key = `${width}x${height} ${this.options.robot} ${css(this.canvas, "--panel")}`;
       if (this.drawn !== key) {
-        [this.canvas.width, this.canvas.height] = [width, height];
         this.base = document.createElement("canvas");
         [this.base.width, this.base.height] = [width, height];
         this.drawBase(this.base.getContext("2d"), width, height, ratio);
@@ -700,7 +698,7 @@ const MercatorReplay = (() => {
           const ratio = Math.hypot(event.offsetX - a, event.offsetY - b) / Math.max(1, Math.hypot(x - a, y - b));
           this.zoomAt(ratio, 0.5 * (event.offsetX + a), 0.5 * (event.offsetY + b));
         } else {
-          const scale = this.stage.view(this.player.cycle).scale / (window.devicePixelRatio || 1);
+          const scale = this.stage.view(this.player.cycle).scale / density();
           this.stage.pan[0] -= (event.offsetX - x) / scale;
           this.stage.pan[1] += (event.offsetY - y) / scale;
           moved += Math.abs(event.offsetX - x) + Math.abs(event.offsetY - y);
@@ -792,7 +790,7 @@ const MercatorReplay = (() => {
       const end = Math.min(Math.ceil(cycle), this.replay.cycles);
       for (let c = end; fired && c > Math.max(0, end - Math.ceil(0.5 / this.replay.period)); c--) {
         const number = fired[robot * this.replay.cycles + c - 1];
-        if (number) return `${c > 1 ? this.replay.state(robot, c - 1) : 0}-${number - 1}`;
+        if (number) return `${this.replay.state(robot, c - 1)}-${number - 1}`;
       }
       return null;
     }

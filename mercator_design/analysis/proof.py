@@ -165,8 +165,7 @@ def _contestants(designer: Designer, record: Record) -> list[tuple[str, Callable
         return lambda _: pfsm
 
     winner = record.ends[-1].winner
-    iterations = [one for _, one in sorted(record.iterations.items(), reverse=True)]
-    others = [number for one in iterations for number in one.elites if number != winner]
+    others = [number for one in reversed(record.ended) for number in one.elites if number != winner]
     raced = [("winner", winner), *([(RUNNER_UP, others[0])] if others else [])]
     return [
         *((name, always(to_pfsm(record.configurations[number], flavour))) for name, number in raced),

@@ -13,14 +13,13 @@ from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
-from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.race.running.task import Task
 from mercator_design.report.columns import aligned, csv_text, difference
 from mercator_design.system.files import Unreadable, read_small
 
 ABLATION = "ablation.csv"
 """The path of removals from a winner, in its run folder."""
-_ALPHA = 0.05
 _MOST = 20
 """Maximum number of parameters on a page."""
 _COLOUR = "#0072b2"
@@ -86,7 +85,7 @@ def ablation_page(ablation: Ablation, width: int | None = None) -> str:
     ]
     steps = list(_rows(ablation))
     for number, row in enumerate(steps):
-        low, high = row.interval
+        low, high = row.scores.interval
         cells = (number, row.change, f"{row.scores.mean:.4g}", f"{low:.4g} to {high:.4g}")
         before = [steps[max(number - 1, 0)], steps[0]]
         against = [difference(row.scores.values, one.scores.values) for one in before]
@@ -110,7 +109,7 @@ def _what_suffices(ablation: Ablation) -> list[str]:
     mean = fmean(ablation.steps[0].costs)
     last = 0
     for step in ablation.steps[1:]:
-        if step.p_value < _ALPHA and fmean(step.costs) > mean:
+        if step.p_value < ALPHA and fmean(step.costs) > mean:
             break
         last += 1
     columns = ablation.task.columns(ablation.task.start(), [ablation.configurations[last]])
@@ -134,7 +133,7 @@ def ablation_csv(ablation: Ablation) -> str:
                 number,
                 row.change,
                 row.scores.mean,
-                *row.interval,
+                *row.scores.interval,
                 *apart,
                 *(column[number] for column in columns.values()),
             ]
@@ -203,9 +202,9 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
         figure = Figure(figsize=(6.0, 0.8 + 0.2 * len(rows)), layout="constrained")
         axes = figure.add_subplot()
         for number, row in enumerate(rows):
-            low, high = row.interval
+            low, high = row.scores.interval
             error = [[row.scores.mean - low], [high - row.scores.mean]]
-            inside = "white" if row.p_value < _ALPHA else _COLOUR
+            inside = "white" if row.p_value < ALPHA else _COLOUR
             axes.errorbar(row.scores.mean, number, xerr=error, fmt="o", ms=4, color=_COLOUR, mfc=inside, capsize=2)
         axes.set_yticks(range(len(rows)), [row.change for row in rows])
         axes.invert_yaxis()
@@ -223,10 +222,6 @@ class _Row(NamedTuple):
     scores: Scores
     against_start: Scores
     p_value: float
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        return self.scores.confidence_interval or (self.scores.mean, self.scores.mean)
 
 
 def _rows(ablation: Ablation) -> Iterator[_Row]:

@@ -27,17 +27,17 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
     return text.getvalue()
 
 
-def difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
+def difference(ours: Sequence[float], theirs: Sequence[float] | None = None) -> str:
     """The mean difference of scores on the same instances, with half of its confidence interval.
 
     Args:
-        ours: Scores.
-        theirs: Other scores, in the same order of instances. The text is empty for a single score.
+        ours: Scores. The text is empty for a single score.
+        theirs: Other scores, in the same order of instances; None: `ours` are differences.
     """
-    found = Scores(tuple(map(sub, ours, theirs)))
+    found = Scores(tuple(ours if theirs is None else map(sub, ours, theirs)))
     if found.confidence_interval is None:
         return ""
-    noise = _NOISE * max(map(abs, [*ours, *theirs]))
+    noise = _NOISE * max(map(abs, [*ours, *(theirs or ())]))
     mean, half = (
         figure if abs(figure) > noise else 0.0 for figure in (found.mean, found.confidence_interval[1] - found.mean)
     )

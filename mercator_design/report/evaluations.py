@@ -12,7 +12,7 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.analysis.pairs import Pair, compared
-from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.report.columns import aligned, csv_text, difference
 from mercator_design.sim.simulate import Simulator
 
@@ -75,7 +75,7 @@ class Comparison:
     def equals(self) -> list[str]:
         """The labels of those that do not differ significantly from the best."""
         p_values = [(one.label, self.p_value(k)) for k, one in enumerate(self.of) if k != self.best]
-        return [label for label, p in p_values if p is None or p >= 1 - CONFIDENCE]
+        return [label for label, p in p_values if p is None or p >= ALPHA]
 
 
 def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:
@@ -133,7 +133,11 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
     lines = [*_head(best.scores, simulator, seed), "", *aligned(rows)]
     if 1 < len(found.pairs) <= _MOST_PAIRS:
         pairs = [
-            (f"{found.at(pair.first).label} - {found.at(pair.second).label}", _difference(pair), _p_text(pair.p_value))
+            (
+                f"{found.at(pair.first).label} - {found.at(pair.second).label}",
+                difference(pair.differences.values),
+                _p_text(pair.p_value),
+            )
             for pair in found.pairs
         ]
         lines += ["", *aligned([("pair", "mean difference", "p"), *pairs])]
@@ -245,10 +249,6 @@ def _stats_rows(of: Sequence[Evaluated]) -> list[list[object]]:
 
 def _short(cell: object) -> object:
     return f"{cell:.3g}" if isinstance(cell, float) else cell
-
-
-def _difference(pair: Pair) -> str:
-    return difference(pair.differences.values, [0.0] * len(pair.differences.values))
 
 
 def _p_text(p: float) -> str:

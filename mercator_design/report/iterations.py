@@ -1,13 +1,15 @@
 """The iterations of a race as a table, from its record; the race may be running."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
+from mercator_design.view.charts import Line
 
 _FIRST, _LAST = 10, 20
 """Numbers of iterations that are shown, if there are more."""
@@ -28,13 +30,12 @@ class Incumbent(NamedTuple):
 
 def incumbents(record: Record) -> list[Incumbent]:
     """The best of each iteration that has ended, with the scores at that time: an evaluator may replace them later."""
-    iterations = [one for _, one in sorted(record.iterations.items())]
-    bests = {one.elites[0] for one in iterations}
+    bests = {one.elites[0] for one in record.ended}
     finished = deque(one for one in _results_in_order(record) if one.configuration in bests)
     scores: dict[int, dict[int, float]] = {best: {} for best in bests}
     found: list[Incumbent] = []
     before = None
-    for ended in iterations:
+    for ended in record.ended:
         while finished and record.experiments[finished[0].experiment].iteration <= ended.iteration:
             one = finished.popleft()
             if one.score is None:
@@ -45,6 +46,15 @@ def incumbents(record: Record) -> list[Incumbent]:
         found.append(Incumbent(ended, dict(scores[best]), None if before in (None, best) else dict(scores[before])))
         before = best
     return found
+
+
+def best_line(name: str, found: Sequence[Incumbent]) -> tuple[Line, list[Scores]]:
+    """The mean of the best of each iteration over the experiments until its end, with its interval; and the scores."""
+    ends = accumulate(one.ended.used for one in found)
+    points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
+    scores = [of for _, of in points]
+    x, y = [end for end, _ in points], [of.mean for of in scores]
+    return Line(name, x, y, [of.interval[0] for of in scores], [of.interval[1] for of in scores]), scores
 
 
 def iterations_table(record: Record) -> list[str]:
@@ -70,9 +80,7 @@ def _results_in_order(record: Record) -> list[ExperimentDone | ScoreRevised]:
 
 def iteration_notes(record: Record) -> list[str]:
     """The notes of iterations, a line each."""
-    return [
-        f"Note       iteration {one.iteration}: {one.note}" for _, one in sorted(record.iterations.items()) if one.note
-    ]
+    return [f"Note       iteration {one.iteration}: {one.note}" for one in record.ended if one.note]
 
 
 def _row(incumbent: Incumbent) -> tuple[object, ...]:

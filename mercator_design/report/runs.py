@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from itertools import accumulate
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -13,7 +12,7 @@ from mercator_design.race.running.events import SessionStarted, SessionStopped
 from mercator_design.race.running.journal import Reading, is_locked
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned
-from mercator_design.report.iterations import incumbents, iteration_notes, iterations_table
+from mercator_design.report.iterations import best_line, incumbents, iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
 from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 
@@ -131,7 +130,6 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
     """The column of a race."""
     record, run = reading.record, run_of(folder, reading)
     start, winner = record.start, run["winner"]
-    found = [one.score for one in record.results() if one.configuration == winner and one.score is not None]
     return {
         "name": start["name"],
         "task": start["task"],
@@ -146,7 +144,7 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
         "configurations": len(record.configurations),
         "state": run["state"],
         "winner": winner,
-        **_scores("race", found),
+        **_scores("race", [*record.scores_of(winner).values()]),
         **_scores("test", record.test_scores().get(winner, ())),
     }
 
@@ -174,24 +172,14 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
         OSError: The picture cannot be written.
         RaceError: As `side_by_side`.
     """
-    from mercator_design.view.charts import Axis, Line
+    from mercator_design.view.charts import Axis
     from mercator_design.view.pictures.curves import save_curves
 
     lines, names = [], []
     for folder in folders:
         record = _begun(folder).record
-        found = [one for one in incumbents(record) if one.scores]
-        scores = [Scores(tuple(one.scores.values())) for one in found]
-        intervals = [one.confidence_interval or (one.mean, one.mean) for one in scores]
-        lines.append(
-            Line(
-                printable(str(folder)),
-                [*accumulate(one.ended.used for one in found)],
-                [one.mean for one in scores],
-                [low for low, _ in intervals],
-                [high for _, high in intervals],
-            )
-        )
+        line, _ = best_line(printable(str(folder)), incumbents(record))
+        lines.append(line)
         names.append(printable(str(record.start["name"])))
     caption = (
         f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"
@@ -251,8 +239,7 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         run["started"] = record.sessions[0].time
     if record.ends:
         winner = record.ends[-1].winner
-        scores = [one.score for one in record.results() if one.configuration == winner and one.score is not None]
-        run |= {"winner": winner, "score": sum(scores) / len(scores)}
+        run |= {"winner": winner, "score": fmean(record.scores_of(winner).values())}
         if tests := record.test_scores().get(winner):
             run["tested"] = fmean(tests)
     return run

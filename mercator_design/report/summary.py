@@ -7,10 +7,9 @@ from typing import Any
 
 from mercator_design.designer import Designer
 from mercator_design.errors import printable
-from mercator_design.fsm.conditions import COLOUR_LABELS
-from mercator_design.fsm.modules import ModuleParameter
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.modules import with_parameters
 from mercator_design.missions.plugins import plugins
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.record import Record
@@ -133,7 +132,7 @@ def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[st
 
 def _roles(record: Record) -> dict[int, str]:
     """The roles of configurations in a race that has ended: their best one, and the latest of equal ones."""
-    iterations = [one for _, one in sorted(record.iterations.items(), reverse=True)]
+    iterations = record.ended[::-1]
     last, former = iterations[:1], iterations[1:]
     roles = {record.ends[-1].winner: "winner"}
     for rank, number in enumerate(last[0].elites if last else (), start=1):
@@ -162,17 +161,9 @@ def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
     """
     lines = []
     for i, state in enumerate(pfsm.states):
-        lines.append(f"state {i}: {_module_text(state.behaviour, state.module.parameters, state.parameters)}")
+        lines.append(f"state {i}: {with_parameters(state.behaviour, state.parameters)}")
         for j, transition in enumerate(state.transitions):
-            condition = _module_text(transition.condition, transition.module.parameters, transition.parameters)
+            condition = with_parameters(transition.condition, transition.parameters)
             never = ", which never fires on this mission" if (i, j) in dead else ""
             lines.append(f"  -> {transition.target} on {condition}{never}")
     return lines
-
-
-def _module_text(name: str, parameters: tuple[ModuleParameter, ...], values: tuple[float, ...]) -> str:
-    given = ", ".join(
-        f"{p.name} {COLOUR_LABELS[int(value)] if p.name == 'label' else format(value, 'g')}"
-        for p, value in zip(parameters, values, strict=True)
-    )
-    return f"{name} ({given})" if given else name

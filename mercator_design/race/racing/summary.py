@@ -10,6 +10,8 @@ from mercator_design.race.racing.statistics import Concordance
 
 CONFIDENCE = 0.95
 """Confidence of the intervals around reported means."""
+ALPHA = 0.05
+"""Reported differences whose p-values are below this are called significant."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,3 +93,8 @@ class Scores:
         n = len(self.values)
         half = float(stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
         return self.mean - half, self.mean + half
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The confidence interval, or the mean twice for a single score."""
+        return self.confidence_interval or (self.mean, self.mean)

@@ -73,6 +73,16 @@ class Record:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
 
+    @property
+    def ended(self) -> list[IterationEnded]:
+        """The iterations that have ended, in their order."""
+        return [self.iterations[number] for number in sorted(self.iterations)]
+
+    def scores_of(self, configuration: int) -> dict[int, float]:
+        """The current scores of a configuration, by instance of the race."""
+        found = (one for one in self.results() if one.configuration == configuration)
+        return {one.instance: one.score for one in found if one.score is not None}
+
     def results(self) -> list[ExperimentDone]:
         """The experiments in order of their numbers, with their current scores."""
         latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}

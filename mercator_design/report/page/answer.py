@@ -49,7 +49,7 @@ def _score(facts: Facts, proof: Proof | None) -> Html:
     scores, where = headline(facts, None if proof is None else proof.winner)
     interval = scores.confidence_interval
     around = "" if interval is None else f"{number(interval[0])} to {number(interval[1])} at {CONFIDENCE:.0%}"
-    low, high = interval or (scores.mean, scores.mean)
+    low, high = scores.interval
     data = f'data-score="{scores.mean:.6g}" data-low="{low:.6g}" data-high="{high:.6g}" data-n="{len(scores.values)}"'
     return Html(
         f'<p class="score" {data}><strong>{number(scores.mean)}</strong> <span>{around}</span></p>'
@@ -71,7 +71,7 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     if traces:
         caption += f" Shares of time and rates are those of the {len(traces)} replays below."
     measured = occupancy(traces, len(pfsm.states)) if traces else None
-    diagram = figure(diagram_svg(pfsm, measured=measured), caption, facts.command)
+    diagram = figure(diagram_svg(pfsm, measured=measured), caption, facts.command())
     return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
 
 

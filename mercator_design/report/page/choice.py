@@ -4,12 +4,12 @@ import math
 
 from mercator_design.analysis.proof import ALONE, RUNNER_UP, Proof
 from mercator_design.race.analysis.pairs import Pair, compared
-from mercator_design.race.racing.summary import CONFIDENCE, Scores
+from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
+from mercator_design.report.columns import difference
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, figure, folded, note, p_text, row_of, section, table
 from mercator_design.view.charts import Axis, Dot, heat_map, interval_chart, number
 
-_ALPHA = 0.05
 _MAX_COLUMNS = 120
 
 
@@ -33,8 +33,7 @@ def verdict(facts: Facts, proof: Proof) -> str:
     worse: list[str] = []
     sign = 1.0 if facts.task is None or facts.task.maximise else -1.0
     for pair in proof.pairs():
-        is_sure = pair.p_value < _ALPHA
-        group = alike if not is_sure else better if sign * pair.differences.mean > 0 else worse
+        group = alike if pair.p_value >= ALPHA else better if sign * pair.differences.mean > 0 else worse
         group.append(str(pair.second))
     parts = [
         f"it is {how} {_listed(group, simple)}"
@@ -55,19 +54,10 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
     dots, rows = [], []
     for place, one in enumerate(proof.contestants):
         scores = Scores(one.scores)
-        low, high = scores.confidence_interval or (scores.mean, scores.mean)
+        low, high = scores.interval
         pair = pairs.get(one.name)
-        dots.append(
-            Dot(
-                one.name,
-                scores.mean,
-                low,
-                high,
-                one.scores,
-                "" if pair is None else p_text(pair.p_value),
-                min(place, 3),
-            )
-        )
+        remark = "" if pair is None else p_text(pair.p_value)
+        dots.append(Dot(one.name, scores.mean, low, high, one.scores, remark, min(place, 3)))
         rows.append((one.name, number(scores.mean), f"{low:.3g} to {high:.3g}", *_difference(pair)))
     head = ("on fresh instances", "mean", f"{CONFIDENCE:.0%} interval", "difference", "p (Holm)")
     caption = (
@@ -76,7 +66,7 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
         "difference from the winner, by paired t-tests with Holm's correction. These runs do not count towards the "
         "budget."
     )
-    chart = figure(interval_chart(dots, Axis(facts.score_name)), caption, facts.command)
+    chart = figure(interval_chart(dots, Axis(facts.score_name)), caption, facts.command())
     return Html(note(verdict(facts, proof)) + row_of(chart, table(head, rows, name="fresh")))
 
 
@@ -91,7 +81,7 @@ def _matrix(facts: Facts) -> Html:
     names = [f"{facts.called(one)}, mean {number(mean)}" for one, mean in zip(facts.elites, means, strict=True)]
     chart = heat_map(values, names, list(map(str, instances)), Axis("instance of the race"), Axis(facts.score_name))
     caption = "The elites' scores on the instances of the race, the winner first; a blank was not run."
-    return figure(chart, caption, facts.command, is_wide=True)
+    return figure(chart, caption, facts.command(), is_wide=True)
 
 
 def _tests(facts: Facts) -> Html:
@@ -115,9 +105,7 @@ def _tests(facts: Facts) -> Html:
 def _difference(pair: Pair | None) -> tuple[str, str]:
     if pair is None:
         return "", ""
-    interval = pair.differences.confidence_interval
-    half = 0.0 if interval is None else interval[1] - pair.differences.mean
-    return f"{pair.differences.mean:+.3g} ± {half:.2g}", p_text(pair.p_value).removeprefix("p = ").removeprefix("p ")
+    return difference(pair.differences.values), p_text(pair.p_value).removeprefix("p = ").removeprefix("p ")
 
 
 def _listed(contestants: list[str], simple: list[str]) -> str:

@@ -1,12 +1,11 @@
 """How the race went: its budget, its best configuration, how it converged, its elites."""
 
 import math
-from itertools import accumulate
 
 from mercator_design.analysis.pruning import module_counts
 from mercator_design.race.analysis.convergence import first_iterations, spreads
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
-from mercator_design.report.iterations import Incumbent, incumbents, iteration_name
+from mercator_design.report.iterations import Incumbent, best_line, incumbents, iteration_name
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
 from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, line_chart, number, parallel_chart
@@ -42,7 +41,7 @@ def _notes(found: list[Incumbent]) -> Html:
 def _budget(facts: Facts) -> Html:
     first = first_iterations(facts.record)
     used: dict[tuple[int, bool], int] = {}
-    iterations = [one for _, one in sorted(facts.record.iterations.items())]
+    iterations = facts.record.ended
     for one in facts.record.experiments.values():
         again = first[one.configuration] < one.iteration
         used[one.iteration, again] = used.get((one.iteration, again), 0) + 1
@@ -51,36 +50,25 @@ def _budget(facts: Facts) -> Html:
         for name, again in (("new configurations", False), ("elites again", True))
     ]
     chart = bar_chart(list(map(iteration_name, iterations)), kinds, Axis("iteration"), Axis("experiments"))
-    return figure(chart, "The budget, by iteration and by what it was spent on.", facts.command)
+    return figure(chart, "The budget, by iteration and by what it was spent on.", facts.command())
 
 
 def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
-    ends = accumulate(one.ended.used for one in found)
-    points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
-    means = [scores.mean for _, scores in points]
-    intervals = [scores.confidence_interval or (scores.mean, scores.mean) for _, scores in points]
-    usual = [one for one, (_, scores) in zip(intervals, points, strict=True) if len(scores.values) >= _FEW]
-    lowest, highest = min([*means, *(low for low, _ in usual)]), max([*means, *(high for _, high in usual)])
-    lines = [
-        Line(
-            "best of each iteration",
-            [end for end, _ in points],
-            means,
-            [max(low, lowest) for low, _ in intervals],
-            [min(high, highest) for _, high in intervals],
-        )
-    ]
+    line, points = best_line("best of each iteration", found)
+    usual = [value for scores in points if len(scores.values) >= _FEW for value in scores.interval]
+    lowest, highest = min([*line.y, *usual]), max([*line.y, *usual])
+    cut = [max(value, lowest) for value in line.low], [min(value, highest) for value in line.high]
+    lines = [line._replace(low=cut[0], high=cut[1])]
     if facts.tested is not None:
-        low, high = facts.tested.confidence_interval or (facts.tested.mean, facts.tested.mean)
-        ends_at = [points[0][0], points[-1][0]]
-        lines.append(Line("winner in its tests", ends_at, [facts.tested.mean] * 2, [low] * 2, [high] * 2))
+        mean, (low, high) = facts.tested.mean, facts.tested.interval
+        lines.append(Line("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
         "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few. "
         f"Intervals of fewer than {_FEW} scores are cut off."
     )
     chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))
-    return figure(chart, caption, facts.command)
+    return figure(chart, caption, facts.command())
 
 
 def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
@@ -93,7 +81,7 @@ def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
         "How each iteration eliminated: configurations that raced, those alive at its end, instances that it raced on."
     )
     chart = line_chart(lines, Axis("iteration", whole=True), Axis("number", whole=True, low=0.0))
-    return figure(chart, caption, facts.command)
+    return figure(chart, caption, facts.command())
 
 
 def _convergence(facts: Facts) -> Html:
@@ -113,7 +101,7 @@ def _convergence(facts: Facts) -> Html:
         "them differ. Numbers: their standard deviation."
     )
     axes = Axis("iteration", whole=True), Axis("spread, relative to random", low=0.0)
-    return figure(line_chart(lines, *axes), caption, facts.command)
+    return figure(line_chart(lines, *axes), caption, facts.command())
 
 
 def _elites(facts: Facts) -> Html:
@@ -140,7 +128,7 @@ def _elites(facts: Facts) -> Html:
     caption = (
         f"The {len(numbers)} elites of all iterations, a line each: their mean score, and {what}, where they differ."
     )
-    return figure(chart, caption, facts.command, is_wide=True)
+    return figure(chart, caption, facts.command(), is_wide=True)
 
 
 def _made_of(facts: Facts, configuration: int) -> dict[str, object]:

@@ -112,19 +112,18 @@ class Facts:
         """The winner, or the best configuration so far."""
         if self.record.ends and self.is_finished:
             return self.record.ends[-1].winner
-        return self.record.iterations[max(self.record.iterations)].elites[0] if self.record.iterations else None
+        return self.record.ended[-1].elites[0] if self.record.iterations else None
 
     @cached_property
     def elites(self) -> list[int]:
         """The winner, and the other elites of the last iteration."""
-        last = self.record.iterations[max(self.record.iterations)].elites if self.record.iterations else ()
+        last = self.record.ended[-1].elites if self.record.iterations else ()
         return list(dict.fromkeys([*([] if self.best is None else [self.best]), *last]))[:MAX_ELITES]
 
     @cached_property
     def former_elites(self) -> list[int]:
         """The elites of all iterations, the latest first."""
-        iterations = [one for _, one in sorted(self.record.iterations.items(), reverse=True)]
-        return list(dict.fromkeys(number for one in iterations for number in one.elites))
+        return list(dict.fromkeys(number for one in reversed(self.record.ended) for number in one.elites))
 
     @cached_property
     def scores(self) -> dict[int, dict[int, float]]:
@@ -159,7 +158,6 @@ class Facts:
         """The name of a configuration on the page."""
         return f"{configuration} (winner)" if configuration == self.best and self.is_finished else str(configuration)
 
-    @property
-    def command(self) -> str:
-        """The command that makes the page."""
-        return shlex.join(["mdesign", "report", str(self.folder)])
+    def command(self, *verb: str) -> str:
+        """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""
+        return shlex.join(["mdesign", *(verb or ["report"]), str(self.folder)])

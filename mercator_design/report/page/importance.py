@@ -1,18 +1,15 @@
 """What matters: which modules or parameters explain the scores, and which parts the winner needs."""
 
-import shlex
-
 from mercator_design.analysis.analysis import importance as measured
 from mercator_design.errors import RaceError
 from mercator_design.fsm.text import to_text
-from mercator_design.race.racing.summary import CONFIDENCE
+from mercator_design.race.racing.summary import ALPHA, CONFIDENCE
 from mercator_design.report.analysis import ABLATION, read_ablation
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, command, figure, note, p_text, row_of, section
 from mercator_design.view.charts import Axis, Dot, interval_chart
 
 _MOST = 12
-_ALPHA = 0.05
 _NORMAL = 1.96  # standard errors of half an interval
 
 
@@ -20,12 +17,11 @@ def importance(facts: Facts) -> Html:
     """The section of what matters; it says so if the race was too small for it."""
     if facts.task is None:
         return Html()
-    folder = shlex.quote(str(facts.folder))
     title = f"What matters on {facts.start['name']}"
-    return section("importance", title, row_of(_importance(facts, folder), _ablation(facts, folder)))
+    return section("importance", title, row_of(_importance(facts), _ablation(facts)))
 
 
-def _importance(facts: Facts, folder: str) -> Html:
+def _importance(facts: Facts) -> Html:
     try:
         _, explanation = measured(facts.folder)
     except RaceError as error:
@@ -41,15 +37,15 @@ def _importance(facts: Facts, folder: str) -> Html:
         f"{max(explanation.explained, 0.0):.0%} of it can be predicted. From the race's own experiments."
     )
     chart = interval_chart(dots, Axis("share of the variance"))
-    return figure(chart, caption, f"mdesign runs importance {folder}")
+    return figure(chart, caption, facts.command("runs", "importance"))
 
 
-def _ablation(facts: Facts, folder: str) -> Html:
+def _ablation(facts: Facts) -> Html:
     """The winner without its parts, if that was measured; else the command that does it."""
     pfsm = None if facts.best is None or not facts.is_finished else facts.pfsm(facts.best)
     if pfsm is None:
         return Html()
-    made_by = f"mdesign runs ablation {folder}"
+    made_by = facts.command("runs", "ablation")
     rows = read_ablation(facts.folder / ABLATION, to_text(pfsm))
     if not rows:
         about = note("Which states and transitions the winner needs is measured by more experiments:")
@@ -61,7 +57,7 @@ def _ablation(facts: Facts, folder: str) -> Html:
             row.low,
             row.high,
             remark="" if row.p_value is None else p_text(row.p_value),
-            colour=int(row.p_value is not None and row.p_value < _ALPHA),
+            colour=int(row.p_value is not None and row.p_value < ALPHA),
         )
         for row in rows
     ]

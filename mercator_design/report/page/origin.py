@@ -45,13 +45,8 @@ def origin(facts: Facts) -> Html:
         note("The same race again, from the files of this folder:"),
         command(again, "again"),
         note("A sample of its experiments again, to check the results:"),
-        command(f"mdesign runs verify {again_folder(facts)}", "verify"),
+        command(facts.command("runs", "verify"), "verify"),
     )
-
-
-def again_folder(facts: Facts) -> str:
-    """The run folder as a word of a command."""
-    return facts.command.removeprefix("mdesign report ")
 
 
 def _failures(facts: Facts) -> Html:

@@ -25,7 +25,7 @@ def request(facts: Facts) -> Html:
             ("duration", f"{asked.duration:g} s"),
             ("objective", f"{objective.direction} {objective.name}"),
         ]
-        picture = _picture(designer, facts.command)
+        picture = _picture(designer, facts.command())
     race: list[tuple[str, object]] = [
         ("flavour", start.get("flavour")),
         ("method", start["method"]),

@@ -20,7 +20,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "deploy": LazyVerb(
         "mercator_design.cli.robots.deploy", "Copy an fsm.txt to robots, start and stop them.", is_light=True
     ),
-    "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure a controller on fresh instances of a mission."),
+    "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure controllers on fresh instances of a mission."),
     "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
     "fsm": LazyVerb(
         "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True

@@ -1,5 +1,6 @@
 """mdesign evaluate: a controller's scores."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,9 +21,9 @@ from mercator_design.report.evaluations import (
     Comparison,
     Evaluated,
     comparison_csv,
-    comparison_json,
+    comparison_data,
     comparison_text,
-    evaluation_json,
+    evaluation_data,
     evaluation_summary,
 )
 from mercator_design.report.progress import Display, Mode
@@ -126,11 +127,14 @@ def evaluate(
     master = None if instances else seed
     if as_csv:
         print_result(comparison_csv(Comparison(evaluated, simulator)), nl=False)
-    elif len(evaluated) == 1:
-        print_result((evaluation_json if as_json else evaluation_summary)(evaluated[0], simulator, seed=master))
+        return
+    found: object
+    if len(evaluated) == 1:
+        found = (evaluation_data if as_json else evaluation_summary)(evaluated[0], simulator, seed=master)
     else:
-        report = comparison_json if as_json else comparison_text
-        print_result(report(Comparison(evaluated, simulator), simulator, seed=master))
+        compared = Comparison(evaluated, simulator)
+        found = (comparison_data if as_json else comparison_text)(compared, simulator, seed=master)
+    print_result(json.dumps(found, allow_nan=False) if as_json else found)
 
 
 def measured(

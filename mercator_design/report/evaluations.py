@@ -1,6 +1,5 @@
-"""Evaluations of PFSMs on the same instances, as text, JSON and CSV."""
+"""Evaluations of PFSMs on the same instances, as text, CSV and data for JSON."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
@@ -103,10 +102,10 @@ def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None
     return "\n".join(map(printable, lines))
 
 
-def evaluation_json(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:
-    """The figures of an evaluation as JSON; what is not defined, as for one run, is null."""
-    facts = _facts(one.scores, simulator, seed)
-    return json.dumps(facts | {"scores": one.scores.values, "seeds": one.result.seeds} | _figures(one), allow_nan=False)
+def evaluation_data(one: Evaluated, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+    """The figures of an evaluation, for JSON; what is not defined, as for one run, is None."""
+    scores = {"scores": one.scores.values, "seeds": one.result.seeds}
+    return _facts(one.scores, simulator, seed) | scores | _figures(one)
 
 
 def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None) -> str:
@@ -172,13 +171,8 @@ def comparison_csv(found: Comparison) -> str:
     return csv_text(rows)
 
 
-def comparison_json(found: Comparison, simulator: Simulator, *, seed: int | None) -> str:
-    """All figures and pairs as JSON."""
-    return json.dumps(comparison_data(found, simulator, seed=seed), allow_nan=False)
-
-
 def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
-    """What `comparison_json` says."""
+    """All figures and pairs, for JSON."""
     best = found.of[found.best]
     return {
         **_facts(best.scores, simulator, seed),

@@ -1,5 +1,6 @@
 """An experiment to be shown, whether it was simulated, read from a file or recorded by robots."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -163,10 +164,14 @@ def _fired(pfsm: Pfsm, recording: Recording) -> NDArray[np.uint8]:
     controller = Controller(pfsm, recording.robot_model.reference_model)
     for cycle, robot in np.argwhere(states != before):
         state = int(before[cycle, robot])
-        taken = controller.transition(state, Readings(*readings[cycle, robot]), tuple(draws[cycle, robot]))
-        if taken is not None:
-            fired[cycle, robot] = 1 + pfsm.states[state].transitions.index(taken)
+        fired[cycle, robot] = number_fired(controller, state, readings[cycle, robot], draws[cycle, robot])
     return fired
+
+
+def number_fired(controller: Controller, state: int, readings: Iterable[float], draws: Iterable[float]) -> int:
+    """The number of the transition that fires in a state, from 1; 0: none."""
+    taken = controller.transition(state, Readings(*readings), tuple(draws))
+    return 0 if taken is None else 1 + controller.pfsm.states[state].transitions.index(taken)
 
 
 def _perceived(recording: Recording) -> Perceived:

@@ -15,6 +15,9 @@ POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inli
 """The content security policy of our pages: they cannot ask for anything."""
 
 _SCRIPTS = ("inflate.js", "viewer.js")
+_PLAY = """const replays = JSON.parse(document.getElementById("replays").textContent);
+MercatorReplay.mount(document.getElementById("replay"), replays).then((player) => (window.player = player));
+"""
 
 
 def viewer_script() -> str:
@@ -32,26 +35,28 @@ def script_json(data: object) -> str:
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
+def document(title: str, style: str, body: str, script: str, *, policy: str = POLICY) -> str:
+    """A page in HTML; only the title is escaped here."""
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{escaped(title)}</title>
+<style>{style}</style></head>
+<body>{body}
+<script>{script}</script></body></html>
+"""
+
+
 class ReplayPage:
     """One HTML file that plays experiments side by side, without a request; a notebook shows it."""
 
     def __init__(self, shown: Sequence[ShownExperiment], title: str | None = None) -> None:
         """Make the page; by default the first experiment's title is that of the page."""
         replays = script_json([replay_of(one) for one in shown])
-        self.html = f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<title>{escaped(title or shown[0].title)}</title>
-<style>html, body {{ margin: 0; height: 100%; }}
-{viewer_style()}</style></head>
-<body><div id="replay"></div>
-<script type="application/json" id="replays">{replays}</script>
-<script>{viewer_script()}
-const replays = JSON.parse(document.getElementById("replays").textContent);
-MercatorReplay.mount(document.getElementById("replay"), replays).then((player) => (window.player = player));
-</script></body></html>
-"""
+        style = f"html, body {{ margin: 0; height: 100%; }}\n{viewer_style()}"
+        body = f'<div id="replay"></div>\n<script type="application/json" id="replays">{replays}</script>'
+        self.html = document(title or shown[0].title, style, body, f"{viewer_script()}\n{_PLAY}")
 
     def save(self, path: str | Path) -> None:
         """Write the page.

@@ -11,16 +11,14 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError, RobotError, excerpt
-from mercator_design.fsm.control import Controller
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.reference import Readings
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.trace import Trace
 from mercator_design.robot.logs.events import CycleDone, LogEnded, RunStarted
 from mercator_design.robot.logs.log import NO_END, controller_of, read, understanding
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.experiment import ShownExperiment, perceived_of, robots_at
+from mercator_design.view.experiment import ShownExperiment, number_fired, perceived_of, robots_at
 
 TABLES = (".csv", ".npz")
 
@@ -241,16 +239,12 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
         event = None
         for event in events:
             if isinstance(event, CycleDone):
-                cycles.append(
-                    _Cycle(
-                        began + event.time,
-                        _odometry(event, cycles),
-                        event.next_state,
-                        _taken(pfsm, controller, event),
-                        event.readings,
-                        event.neighbours,
-                    )
-                )
+                fired = 0
+                if event.next_state != event.state:
+                    fired = number_fired(controller, event.state, event.readings, event.draws)
+                pose = _odometry(event, cycles)
+                cycle = _Cycle(began + event.time, pose, event.next_state, fired, event.readings, event.neighbours)
+                cycles.append(cycle)
         if not isinstance(event, LogEnded):
             warn(f"{path}: {NO_END}")
     if not cycles:
@@ -265,14 +259,6 @@ def _odometry(event: CycleDone, before: Sequence[_Cycle]) -> Pose:
         return before[-1].pose if before else (0.0, 0.0, 0.0)
     values = [value if value is not None else 0.0 for value in (*position[1:], attitude[-1])]
     return values[0], values[1], values[2]
-
-
-def _taken(pfsm: Pfsm, controller: Controller, event: CycleDone) -> int:
-    """The number of the transition that was taken in a cycle, from 1; 0: none."""
-    if event.next_state == event.state:
-        return 0
-    taken = controller.transition(event.state, Readings(*event.readings), event.draws)
-    return 0 if taken is None else 1 + pfsm.states[event.state].transitions.index(taken)
 
 
 def _rows(log: _RobotLog, begin: float, period: float, n: int) -> np.ndarray:

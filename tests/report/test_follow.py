@@ -106,6 +106,18 @@ class TestEnd:
             thread.join(30)
             assert not thread.is_alive()
 
+    def test_a_report_that_cannot_be_made(self, folder):
+        def fail():
+            raise RaceError("r/fsm.txt: damaged")
+
+        with Journal(folder / "journal.jsonl", new=False) as journal, Follower(folder, fail) as server:
+            thread = threading.Thread(target=server.serve)
+            thread.start()
+            fcntl.flock(journal._file, fcntl.LOCK_UN)
+            assert ask(server)[2] == "<p>r/fsm.txt: damaged</p>"
+            thread.join(30)
+            assert not thread.is_alive()
+
     def test_or_some_time_later(self, folder, monkeypatch):
         monkeypatch.setattr(follow, "_FAREWELL", 0.0)
         with Journal(folder / "journal.jsonl", new=False) as journal, Follower(folder, lambda: "") as server:

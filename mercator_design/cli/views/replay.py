@@ -30,9 +30,7 @@ from mercator_design.view.pictures import figures, film
     "--video", type=FileOf(*film.FORMATS), metavar="FILE.mp4|FILE.gif", help="Write a film instead of the page."
 )
 @click.option("--speed", type=NumberRange(0.1, 64.0), default=4.0, show_default=True, help="Speed of the film.")
-@click.option(
-    "--png", "at", type=NumberRange(0.0), metavar="SECONDS", help="Write a picture of this time instead."
-)
+@click.option("--png", "at", type=NumberRange(0.0), metavar="SECONDS", help="Write a picture of this time instead.")
 def replay(
     shown: list[ShownExperiment],
     output: Path | None,

@@ -6,6 +6,7 @@ the server by a name that it leads here (DNS rebinding).
 """
 
 import json
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.running.journal import is_locked
@@ -85,6 +87,11 @@ class Follower(ThreadingHTTPServer):
             if end is None and not self.is_running:
                 end = time.monotonic() + _FAREWELL
 
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the library's
+        """Print what went wrong, unless a page was closed before it had its answer."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
     def is_own(self, host: str | None) -> bool:
         """Whether a request names this server."""
         return host in {f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"}
@@ -95,7 +102,10 @@ class Follower(ThreadingHTTPServer):
             send(self._page)
             return
         with self._lock:
-            report = self._report()
+            try:
+                report = self._report()
+            except MercatorError as error:
+                report = note(error)
         send(report)
         self._is_told = True  # not before: the server ends with it
 

@@ -16,7 +16,7 @@ from mercator_design.report.page.replays import chosen_runs, replays, run_again
 from mercator_design.report.page.request import request
 from mercator_design.view.charts import STYLE
 from mercator_design.view.markup import escaped
-from mercator_design.view.page import POLICY, viewer_script, viewer_style
+from mercator_design.view.page import POLICY, document, viewer_script, viewer_style
 from mercator_design.view.replay import replay_of
 
 REPORT = "report.html"
@@ -75,23 +75,15 @@ def following_page(facts: Facts) -> str:
 
 
 def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool = False) -> str:
-    title = escaped(excerpt(str(facts.start["name"])))
+    title = excerpt(str(facts.start["name"]))
     body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
     links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
     head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
     styles = [*([viewer_style()] if viewer else []), STYLE, _asset("page.css")]
     scripts = [*([viewer_script()] if viewer else []), _asset("page.js"), *([_asset("follow.js")] if follows else [])]
     policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
-    return (
-        "<!doctype html>\n"
-        '<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        f"<title>{title}: report of a race</title><style>{''.join(styles)}</style></head>\n"
-        f'<body><header class="top"><h1><bdi>{title}</bdi></h1>{head}</header>\n'
-        f"<main>{body}</main>\n"
-        f"<script>{chr(10).join(scripts)}</script></body></html>\n"
-    )
+    whole = f'<header class="top"><h1><bdi>{escaped(title)}</bdi></h1>{head}</header>\n<main>{body}</main>'
+    return document(f"{title}: report of a race", "".join(styles), whole, "\n".join(scripts), policy=policy)
 
 
 def _state(facts: Facts) -> str:

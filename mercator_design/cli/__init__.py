@@ -32,7 +32,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "replay": LazyVerb("mercator_design.cli.views.replay", "Show an experiment as a page, film or picture."),
     "report": LazyVerb("mercator_design.cli.races.report", "Write the report of a race as a page, or follow a race."),
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
-    "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, verify and analyse races."),
+    "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, compare, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),

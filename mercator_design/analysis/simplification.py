@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import numpy as np
+
 from mercator_design.analysis.pruning import Element, elements, one_less, removed, without
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.race.analysis.pairs import worse_p_value
@@ -102,7 +104,7 @@ def simplify(
     while candidates := one_less(pfsm, out):
         words = f"step {len(path) + 1}, removals to choose from: {len(candidates)}"
         table = measure([without(pfsm, each) for each in candidates], range(runs), words)
-        p_values = [worse_p_value(_minus(costs, chosen_on), margin) for costs in table]
+        p_values = [worse_p_value(np.subtract(costs, chosen_on), margin) for costs in table]
         out = list(candidates)[p_values.index(min(p_values))]
         if min(p_values) >= _HOPELESS:
             break
@@ -115,14 +117,12 @@ def simplify(
         costs=tuple(tests[0]),
         margin=margin,
         steps=tuple(
-            Removal(words=words, out=each, costs=tuple(costs), p_value=worse_p_value(_minus(costs, tests[0]), margin))
-            for (words, each), costs in zip(path, tests[1:], strict=True)
+            Removal(
+                words=words, out=out, costs=tuple(costs), p_value=worse_p_value(np.subtract(costs, tests[0]), margin)
+            )
+            for (words, out), costs in zip(path, tests[1:], strict=True)
         ),
     )
-
-
-def _minus(costs: Sequence[float], others: Sequence[float]) -> list[float]:
-    return [cost - other for cost, other in zip(costs, others, strict=True)]
 
 
 def counts(found: Simplification) -> tuple[int, int]:

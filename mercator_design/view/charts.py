@@ -88,12 +88,14 @@ class Thread(NamedTuple):
 
 def ticks(low: float, high: float, n: int = 5, *, whole: bool = False) -> list[float]:
     """At most n + 1 round numbers between two."""
-    rough = (high - low or 1.0) / n
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough * (1 - 1e-9))
-    if whole:
-        step = max(step, 1.0)
+    step = max(rounded_up((high - low or 1.0) / n), float(whole))
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
+def rounded_up(step: float) -> float:
+    """The next of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not less, but for rounding errors."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= step * (1 - 1e-9))
 
 
 def number(value: float) -> str:

@@ -1,7 +1,7 @@
 """An experiment to be shown, whether it was simulated, read from a file or recorded by robots."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -142,18 +142,8 @@ def _until(trace: Trace, recording: Recording | None, cycles: int) -> Trace:
     poses, states, measure = trace.poses[: cycles + 1], trace.states[:cycles], trace.measure
     if recording is not None:
         history = recording.history._replace(poses=poses, states=states)
-        part = Recording(
-            recording.robot_model, recording.scene, history, recording.noise_keys, recording.control_period
-        )
-        measure = part.measure
-    return Trace(
-        poses=poses,
-        states=states,
-        floor=trace.floor,
-        zone_rows=trace.zone_rows,
-        control_period=trace.control_period,
-        measure=measure,
-    )
+        measure = replace(recording, history=history).measure
+    return replace(trace, poses=poses, states=states, measure=measure)
 
 
 def _fired(pfsm: Pfsm, recording: Recording) -> NDArray[np.uint8]:

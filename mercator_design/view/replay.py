@@ -11,7 +11,6 @@ from mercator_design.arrays import Floats
 from mercator_design.config.colours import COLOURS, STATE_COLOURS, hex_of
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
-from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.view.experiment import ShownExperiment
@@ -133,13 +132,10 @@ def _arena(shown: ShownExperiment) -> dict[str, Any]:
         "obstacles": [
             {"corners": box.corners().tolist(), "hidesFromLidar": box.height > sees_over} for box in arena.obstacles
         ],
-        "lights": _lights(mission),
+        "lights": [
+            {"x": light.position[0], "y": light.position[1], "isOn": light.intensity > 0.0} for light in mission.lights
+        ],
     }
-
-
-def _lights(mission: Mission) -> list[dict[str, Any]]:
-    places = [(light.position, light.intensity > 0.0) for light in mission.lights]
-    return [{"x": position[0], "y": position[1], "isOn": is_on} for position, is_on in places]
 
 
 def _floor(trace: Trace) -> dict[str, Any]:

@@ -36,6 +36,7 @@ from mercator_design.view.pictures.scenery import (
     draw_light,
     limits,
     name_zones,
+    placed,
     show_pixels,
     state_colour,
 )
@@ -196,9 +197,9 @@ class _Scene:
         states = trace.states[max(math.ceil(cycle) - 1, 0)] if cycle > 0.0 else np.zeros(trace.robots, dtype=np.int8)
         colours = _colours(self._shown, states)
         model = self._shown.robot_model
-        self._bodies.set_verts(list(_placed(model.body.outline(), poses)))
+        self._bodies.set_verts(list(placed(model.body.outline(), poses)))
         self._bodies.set_facecolor(colours)
-        self._arrows.set_verts(list(_placed(np.array(_ARROW) * model.body.corner, poses)))
+        self._arrows.set_verts(list(placed(np.array(_ARROW) * model.body.corner, poses)))
         first = max(math.ceil(cycle) - _TRAIL, 0)
         tracks = trace.poses[first : math.floor(cycle) + 1 : 2, :, :2]
         self._trails.set_segments(list(np.concatenate([tracks, poses[np.newaxis, :, :2]]).swapaxes(0, 1)))
@@ -244,13 +245,6 @@ def _poses_at(trace: Trace, cycle: float) -> Floats:
     part = cycle - before
     poses: Floats = (1.0 - part) * trace.poses[before] + part * trace.poses[after]
     return poses
-
-
-def _placed(outline: Floats, poses: Floats) -> Floats:
-    """An outline (points, 2) at poses (robots, 3): (robots, points, 2)."""
-    c, s = np.cos(poses[:, 2, np.newaxis]), np.sin(poses[:, 2, np.newaxis])
-    x, y = outline[:, 0], outline[:, 1]
-    return np.stack([c * x - s * y + poses[:, :1], s * x + c * y + poses[:, 1:2]], axis=-1)
 
 
 def _colours(shown: ShownExperiment, states: NDArray[np.int8]) -> list[str]:

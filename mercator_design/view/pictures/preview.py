@@ -6,7 +6,6 @@ libraries give the same file.
 """
 
 import json
-import math
 import textwrap
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
+from mercator_design.view.charts import rounded_up
 from mercator_design.view.pictures.figures import house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
@@ -35,6 +35,7 @@ from mercator_design.view.pictures.scenery import (
     draw_light,
     extent,
     name_zones,
+    placed,
 )
 
 _WIDTH = 4.6  # of the picture [inches]
@@ -81,7 +82,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     axes.set_ylabel("y [m]", labelpad=1.0)
     axes.tick_params(length=2.0, width=0.6, pad=2.0)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(_round_up(0.5 / scale)))
+        axis.set_major_locator(MultipleLocator(rounded_up(0.5 / scale)))
     figure.text(0.5, 1.0 - 0.06 / total, mission.name, ha="center", va="top", weight="bold", size=10.0)
     figure.text(0.5, 1.0 - 0.25 / total, title, ha="center", va="top", size=7.5, linespacing=1.25)
     draw_arena(axes, mission)
@@ -125,12 +126,6 @@ def _value_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return json.dumps(value) if value is None or isinstance(value, bool) else str(value)  # as in YAML
-
-
-def _round_up(step: float) -> float:
-    """The next of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not less."""
-    power = 10.0 ** math.floor(math.log10(step))
-    return power * next(digit for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= step)
 
 
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
@@ -186,10 +181,7 @@ def _draw_robots(axes: Axes, instance: Instance) -> None:
     """Draw the bodies, with an arrow towards their heading."""
     body = instance.robot_model.body.outline()
     arrow = np.array([[0.75, 0.0], [-0.45, 0.5], [-0.2, 0.0], [-0.45, -0.5]]) * np.abs(body).max(axis=0)
-    for x, y, heading in instance.swarm.poses[:, :3]:
-        turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
-        place = np.array([x, y])
-        axes.add_patch(
-            Area(place + body @ turn, facecolor="#f7f7f7", edgecolor="black", linewidth=0.8, alpha=0.92, zorder=5)
-        )
-        axes.add_patch(Area(place + arrow @ turn, facecolor=_HEADING, edgecolor="none", zorder=6))
+    poses = instance.swarm.poses[:, :3]
+    for outline, head in zip(placed(body, poses), placed(arrow, poses), strict=True):
+        axes.add_patch(Area(outline, facecolor="#f7f7f7", edgecolor="black", linewidth=0.8, alpha=0.92, zorder=5))
+        axes.add_patch(Area(head, facecolor=_HEADING, edgecolor="none", zorder=6))

@@ -58,14 +58,17 @@ def limits(shown: ShownExperiment) -> tuple[Floats, Floats]:
     return places.min(axis=0) - margin, places.max(axis=0) + margin
 
 
+def placed(outline: Floats, poses: Floats) -> Floats:
+    """An outline (points, 2) at poses (robots, 3): (robots, points, 2)."""
+    c, s = np.cos(poses[:, 2, np.newaxis]), np.sin(poses[:, 2, np.newaxis])
+    x, y = outline[:, 0], outline[:, 1]
+    return np.stack([c * x - s * y + poses[:, :1], s * x + c * y + poses[:, 1:2]], axis=-1)
+
+
 def arena_grid(mission: Mission, along: int) -> Floats:
     """The centres (rows, columns, 2) of square cells that cover the arena, `along` its longer side, the first at +y."""
     corners = mission.arena.corners()
-    return _grid(corners.min(axis=0), corners.max(axis=0), along)
-
-
-def _grid(low: Floats, high: Floats, along: int) -> Floats:
-    """The centres (rows, columns, 2) of the square cells of a grid, `along` the longer side, the first row at +y."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
     cell = float((high - low).max()) / along
     columns, rows = (max(1, math.ceil(length / cell - 1e-9)) for length in high - low)
     x, y = low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)

@@ -206,6 +206,7 @@ class LazyGroup(click.Group):
                 raise  # a bug in this program
             raise lack_of_designer(cmd_name, error) from None
         command: click.Command = getattr(module, cmd_name)
+        command.short_help = verb.help
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

@@ -31,7 +31,7 @@ from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
 
 
-@click.command(short_help="Measure controllers on fresh instances of a mission.")
+@click.command()
 @click.argument("fsm", type=FILE, nargs=-1, metavar="[FSM]...")
 @click.option(
     "--fsm-config", metavar="TEXT", help="The controller as text, instead of FSM: --nstates ..., as in AutoMoDe."

@@ -23,7 +23,7 @@ from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import replacing, writing
 
 
-@click.group(short_help="Write a mission, a race or a robot's log for other programs.")
+@click.group()
 def export() -> None:
     """Write a mission, a race or the log of a robot in the formats of other programs."""
 

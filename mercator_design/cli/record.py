@@ -13,7 +13,7 @@ from mercator_design.sim.devices import DEVICES
 from mercator_design.system.files import replacing, writing
 
 
-@click.command(short_help="Run one experiment and write its trace.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."

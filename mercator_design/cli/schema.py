@@ -12,7 +12,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import RobotModel
 
 
-@click.command(short_help="Print a JSON Schema, for editors.")
+@click.command()
 @click.argument("kind", type=click.Choice(["mission", "robot-model", "fsm"]), default="mission")
 @PLUGIN
 def schema(kind: str) -> None:

@@ -20,7 +20,7 @@ from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 
 
-@click.command(short_help="Check missions, robot models and FSM files.")
+@click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @FLAVOUR
 @LENIENT

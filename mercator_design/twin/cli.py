@@ -22,7 +22,7 @@ _PRIORITY = 3
 """Higher than that of runs and their watchdogs: the devices of a real robot do not wait for its computer."""
 
 
-@click.command(short_help="Run simulated robots in real time.")
+@click.command()
 @click.argument("mission")
 @click.option(
     "--folder",

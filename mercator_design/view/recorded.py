@@ -12,7 +12,7 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError, RobotError, excerpt
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.floor import Floor
 from mercator_design.missions.trace import Trace
 from mercator_design.robot.logs.events import CycleDone, LogEnded, RunStarted
 from mercator_design.robot.logs.log import NO_END, controller_of, read, understanding
@@ -203,12 +203,13 @@ def read_logs(
     pfsms = list(dict.fromkeys(log.pfsm for log in logs))
     latest = [[log.cycles[k] for k in row] for log, row in zip(logs, rows, strict=True)]
     places = _places(latest)
+    floor = Floor(background="white").realise(np.random.default_rng(0)) if instance is None else instance.scene.floor
     return ShownExperiment(
         title=" ".join(path.name for path in paths),
         trace=Trace(
             poses=poses,
             states=np.array([[cycle.state for cycle in row] for row in latest], dtype=np.int8).T,
-            floor=_white() if instance is None else instance.scene.floor,
+            floor=floor,
             zone_rows={} if instance is None else instance.zone_rows,
             control_period=period,
         ),
@@ -297,19 +298,6 @@ def _fired(latest: Sequence[Sequence[_Cycle]], rows: Sequence[np.ndarray]) -> np
     for robot, row in enumerate(rows):
         fired[1:, robot][np.diff(row) == 0] = 0
     return fired
-
-
-def _white() -> FloorTable:
-    """A white floor without zones."""
-    return FloorTable(
-        zones=np.zeros((0, 9)),
-        background=np.full(3, 255.0),
-        image=np.zeros((1, 1, 3), dtype=np.uint8),
-        extent=np.zeros(4),
-        vertices=np.zeros((0, 2)),
-        changes=np.zeros((0, 3), dtype=np.int64),
-        numbers=np.zeros((0, 1)),
-    )
 
 
 def is_log(path: Path) -> bool:

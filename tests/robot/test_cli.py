@@ -244,13 +244,10 @@ def test_no_verb_s_help_is_cut_short(robot_command):
     assert "..." not in out.partition("Commands:")[2]
 
 
-def test_each_verb_has_the_line_of_the_page_of_all_verbs():
+def test_each_verb_is_found_by_its_name():
     context = click.Context(cli)
-    assert list(VERBS) == sorted(VERBS)
-    for name, row in VERBS.items():
-        verb = cli.get_command(context, name)
-        assert (verb.name, verb.get_short_help_str(100)) == (name, row.help)
-        assert row.is_light == (name != "twin")
+    assert [cli.get_command(context, name).name for name in VERBS] == sorted(VERBS)
+    assert [name for name, row in VERBS.items() if not row.is_light] == ["twin"]
 
 
 def test_a_run_loads_no_other_verb():

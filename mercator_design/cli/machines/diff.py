@@ -15,7 +15,7 @@ _WORDS = {
 }
 
 
-@click.command(short_help="Say how two PFSMs differ.")
+@click.command()
 @click.argument("one", type=FILE)
 @click.argument("other", type=FILE)
 @FLAVOUR

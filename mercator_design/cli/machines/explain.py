@@ -12,7 +12,7 @@ from mercator_design.fsm.words.explain import explanation
 from mercator_design.robot.devices.settings import CONTROL_PERIOD
 
 
-@click.command(short_help="Say in plain sentences what a PFSM does.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @FLAVOUR
 @LENIENT

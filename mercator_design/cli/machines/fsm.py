@@ -18,7 +18,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
 }
 
 
-@click.group(cls=LazyGroup, lazy=VERBS, short_help="Draw, explain, check, simplify and compare PFSMs.")
+@click.group(cls=LazyGroup, lazy=VERBS)
 def fsm() -> None:
     """Draw, explain, check, simplify and compare PFSMs.
 

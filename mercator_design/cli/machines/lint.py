@@ -15,7 +15,7 @@ from mercator_design.sim.checks.lint import lint as findings_of
 from mercator_design.sim.robot_model import load_robot_model
 
 
-@click.command(short_help="Find what is wrong or superfluous in a PFSM.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @MISSION
 @ROBOT_MODEL

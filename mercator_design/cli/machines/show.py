@@ -34,7 +34,7 @@ _SUFFIXES = {
 }  # fmt: skip
 
 
-@click.command(short_help="Draw a PFSM, or write it in another form.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @click.option(
     "--format",

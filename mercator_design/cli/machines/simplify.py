@@ -33,7 +33,7 @@ _OF_THE_ORIGINAL = {"score", "spread", "test", "configuration"}
 """Entries of a header that are not true of a simpler PFSM."""
 
 
-@click.command(short_help="Remove states and transitions that do not matter.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @click.option("-o", "--output", type=OUTPUT_FILE, required=True, help="File to write: fsm.yaml if it ends in .yaml.")
 @MISSION

@@ -38,7 +38,7 @@ from mercator_design.sim.simulate import Simulator
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 
 
-@click.command(short_help="Design control software for a mission.")
+@click.command()
 @click.argument("mission", required=False)
 @click.option(
     "--budget",

@@ -12,7 +12,7 @@ from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.report.page.page import REPORT
 
 
-@click.command(short_help="Write the report of a race as a page, or follow a race.")
+@click.command()
 @click.argument("directory", type=FOLDER)
 @click.option("-o", "--output", type=OUTPUT_FILE, help=f"The page to write.  [default: {REPORT} in DIRECTORY]")
 @PROOF_RUNS

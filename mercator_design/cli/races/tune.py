@@ -52,7 +52,7 @@ _FIXED = (
 )
 
 
-@click.command(short_help="Find parameters of a program, by irace's scenario.")
+@click.command()
 @click.argument("scenario", type=FILE, required=False)
 @click.option("-s", "--scenario", "scenario_option", type=FILE, help="SCENARIO as an option, as in irace.")
 @click.option(

@@ -13,7 +13,7 @@ from mercator_design.report.runs import run_summary
 from mercator_design.report.watching import follow
 
 
-@click.command(short_help="Follow a race that another process runs.")
+@click.command()
 @click.argument("directory", type=FOLDER)
 @PROGRESS
 def watch(directory: Path, progress: Mode) -> None:

@@ -11,7 +11,7 @@ from mercator_design.fleet.bundle import is_bundle
 from mercator_design.system.files import write_bytes, writing
 
 
-@click.command(short_help="Write mercator-robot as one file.")
+@click.command()
 @click.option(
     "-o", "--output", type=OUTPUT_FILE, default="mercator-robot.pyz", show_default=True, metavar="FILE",
     help="File to write.",

@@ -15,7 +15,7 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.system.files import write_text, writing
 
 
-@click.command(short_help="Fit the noise of a robot's sensors to recordings.")
+@click.command()
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option(
     "-o", "--output", type=OUTPUT_FILE, required=True, metavar="MODEL.yaml", help="Robot model to write, a new file."

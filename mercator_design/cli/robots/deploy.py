@@ -27,7 +27,7 @@ from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_perio
 from mercator_design.robot.run.senses import why_device_is_needed
 
 
-@click.command(short_help="Copy an fsm.txt to robots, start and stop them.")
+@click.command()
 @click.argument("fsm", type=FILE, required=False)
 @click.option("--robots", type=FILE, required=True, metavar="ROBOTS.yaml", help="Addresses of the robots.")
 @click.option("--check", is_flag=True, help="Check the robots: batteries, lines, clocks; also before a start.")

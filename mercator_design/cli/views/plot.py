@@ -15,7 +15,7 @@ from mercator_design.view.pictures.figures import FORMATS
 from mercator_design.view.pictures.plots import KINDS, save_plots
 
 
-@click.command(short_help="Plot trajectories, presence, states, distances and score.")
+@click.command()
 @shows_experiments
 @click.option(
     "-o",

@@ -17,7 +17,7 @@ from mercator_design.view.page import ReplayPage
 from mercator_design.view.pictures import figures, film
 
 
-@click.command(short_help="Show an experiment as a page, film or picture.")
+@click.command()
 @shows_experiments
 @click.option(
     "-o",

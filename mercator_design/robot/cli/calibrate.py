@@ -23,7 +23,7 @@ _SECONDS = click.option(
 )
 
 
-@click.group(cls=SpelledGroup, short_help="Calibrate this robot's sensors.")
+@click.group(cls=SpelledGroup)
 def calibrate() -> None:
     """Calibrate this robot's sensors, for its robot.yaml.
 

@@ -15,7 +15,7 @@ from mercator_design.robot.run.channel import Channel
 from mercator_design.robot.setup.check import check as findings
 
 
-@click.command(short_help="Find faults of this robot.")
+@click.command()
 @ROBOT
 @click.option(
     "--json",

@@ -13,7 +13,7 @@ from mercator_design.robot.devices.ports import user_name
 from mercator_design.robot.setup import install as installation
 
 
-@click.command(short_help="Give ports their names, and systemd its services.")
+@click.command()
 @ROBOT_FILE
 @click.option("--user", help="User who runs the robot.  [default: the user who ran sudo]")
 @click.option(

@@ -12,7 +12,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.teleop.recording import record as write
 
 
-@click.command(short_help="Record the sensors of the robot at rest.")
+@click.command()
 @ROBOT
 @click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="[default: until Ctrl-C]")
 @click.option(

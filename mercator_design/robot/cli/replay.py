@@ -13,7 +13,7 @@ from mercator_design.robot.logs.log import Decision
 from mercator_design.robot.logs.log import replay as decisions
 
 
-@click.command(short_help="Show and check the decisions of a run, from its log.")
+@click.command()
 @click.argument("log", type=FILE)
 def replay(log: Path) -> None:
     """Show the decision of every cycle of a run, from its log, which may still be written.

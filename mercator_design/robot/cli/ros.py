@@ -10,7 +10,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.ros.node import RosNode, serve
 
 
-@click.command(short_help="Run a node of ROS 1.")
+@click.command()
 @click.argument("names", nargs=-1, metavar="[NAME:=NAME]...")
 @ROBOT
 @click.option(

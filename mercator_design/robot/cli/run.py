@@ -23,7 +23,7 @@ from mercator_design.robot.run.runner import run as drive
 from mercator_design.robot.run.senses import why_device_is_needed
 
 
-@click.command(short_help="Run the PFSM of an fsm.txt.")
+@click.command()
 @click.argument("fsm", type=FILE)
 @ROBOT
 @click.option("--duration", type=DURATION, metavar="SECONDS", help="[default: until it is stopped]")

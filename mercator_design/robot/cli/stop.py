@@ -26,7 +26,7 @@ _PORT = click.option(
 )
 
 
-@click.command(short_help="Stop this robot, or others.")
+@click.command()
 @click.argument("hosts", nargs=-1, metavar="[HOST]...")
 @ROBOT
 @_PORT
@@ -53,7 +53,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
         raise RobotError("; ".join(silent))
 
 
-@click.command(short_help="Let robots run as long as this command runs.")
+@click.command()
 @click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
 @ROBOT
 @_PORT

@@ -16,7 +16,6 @@ _SPEED = 0.15
 
 
 @click.command(
-    short_help="Drive with the keys of this terminal.",
     help=f"""Drive with the keys of this terminal: arrows or WASD as long as they are held, any other key stops, Q ends.
 
     The wheels stop {REPEATED} s after the last repetition of a held key, and {HELD} s after a single press. Everything

@@ -141,6 +141,15 @@ const MercatorReplay = (() => {
     context.closePath();
   }
 
+  /** Fill an outline, and draw its border. */
+  function area(context, points, fill, stroke = "transparent") {
+    context.beginPath();
+    outline(context, points);
+    [context.fillStyle, context.strokeStyle] = [fill, stroke];
+    context.fill();
+    context.stroke();
+  }
+
   /** The zones of a floor as they are at a cycle. */
   class Floor {
     constructor(floor) {
@@ -259,9 +268,8 @@ const MercatorReplay = (() => {
     robotAt(px, py, cycle) {
       const [x, y] = this.locate(px, py, cycle);
       const { scale } = this.view(cycle);
-      const near = Math.max(1.3 * this.replay.body.radius, (14 * density()) / scale);
       let found = null;
-      let least = near;
+      let least = Math.max(1.3 * this.replay.body.radius, (14 * density()) / scale);
       for (let i = 0; i < this.replay.robots; i++) {
         const [a, b] = this.replay.pose(i, cycle);
         const distance = Math.hypot(a - x, b - y);
@@ -305,27 +313,14 @@ const MercatorReplay = (() => {
 
     drawArena(context) {
       const { walls, room, obstacles, lights } = this.replay.arena;
-      context.strokeStyle = css(this.canvas, "--wall");
+      const wall = css(this.canvas, "--wall");
       context.lineJoin = "miter";
       context.lineWidth = Math.max(0.01, 2 * this.pixel);
-      if (walls) {
-        context.beginPath();
-        outline(context, walls);
-        context.stroke();
-      }
-      if (room) {
-        context.setLineDash([0.05, 0.03]);
-        context.beginPath();
-        outline(context, room);
-        context.stroke();
-        context.setLineDash([]);
-      }
-      context.fillStyle = css(this.canvas, "--obstacle");
-      for (const { corners } of obstacles) {
-        context.beginPath();
-        outline(context, corners);
-        context.fill();
-      }
+      if (walls) area(context, walls, "transparent", wall);
+      context.setLineDash([0.05, 0.03]);
+      if (room) area(context, room, "transparent", wall);
+      context.setLineDash([]);
+      for (const { corners } of obstacles) area(context, corners, css(this.canvas, "--obstacle"));
       for (const { x, y, isOn } of lights) {
         context.beginPath();
         context.arc(x, y, 7 * this.pixel * density(), 0, 2 * Math.PI);
@@ -344,23 +339,14 @@ const MercatorReplay = (() => {
       context.save();
       context.translate(x, y);
       context.rotate(heading);
-      context.beginPath();
-      outline(context, replay.body.outline);
-      context.fillStyle = replay.colour(state);
-      context.strokeStyle = i === options.robot ? css(this.canvas, "--selected") : "#000";
-      context.lineWidth = (i === options.robot ? 3.5 : 1) * this.pixel * density();
-      context.fill();
-      context.stroke();
+      const isChosen = i === options.robot;
+      context.lineWidth = (isChosen ? 3.5 : 1) * this.pixel * density();
+      area(context, replay.body.outline, replay.colour(state), isChosen ? css(this.canvas, "--selected") : "#000");
       const r = replay.body.radius;
-      context.beginPath();
-      outline(context, [[0.75 * r, 0], [-0.35 * r, 0.42 * r], [-0.12 * r, 0], [-0.35 * r, -0.42 * r]]);
-      context.fillStyle = "#fff";
-      context.strokeStyle = "#000";
       context.lineWidth = this.pixel;
-      context.fill();
-      context.stroke();
+      area(context, [[0.75 * r, 0], [-0.35 * r, 0.42 * r], [-0.12 * r, 0], [-0.35 * r, -0.42 * r]], "#fff", "#000");
       context.restore();
-      if (i === options.robot || r / this.pixel > 26 * density()) {
+      if (isChosen || r / this.pixel > 26 * density()) {
         this.text(context, replay.names[i], x, y - 1.5 * r, 11);
       }
     }
@@ -411,7 +397,7 @@ const MercatorReplay = (() => {
 
     /** How often each cell of the arena had a robot's centre, over the whole experiment. */
     drawPresence(context) {
-      this.presence = this.presence || presenceImage(this);
+      this.presence ??= presenceImage(this);
       const { image, low, width, height } = this.presence;
       context.save();
       context.imageSmoothingEnabled = true;
@@ -647,7 +633,12 @@ const MercatorReplay = (() => {
         this.legend(),
         timeline
       );
-      this.buildPanel();
+      this.facts = make("dl", {});
+      this.diagram = make("button", {
+        type: "button", class: "mr-diagram", title: "State machine: larger or smaller", "aria-expanded": "false",
+        on: { click: () => this.diagram.setAttribute("aria-expanded", String(this.panel.classList.toggle("mr-large"))) },
+      });
+      this.panel.append(this.facts, this.diagram);
       this.listen(canvas, timeline);
     }
 
@@ -660,15 +651,6 @@ const MercatorReplay = (() => {
         return make("ul", { class: "mr-legend", "aria-label": "States" }, ...whose, ...items);
       });
       return make("div", {}, ...lists);
-    }
-
-    buildPanel() {
-      this.facts = make("dl", {});
-      this.diagram = make("button", {
-        type: "button", class: "mr-diagram", title: "State machine: larger or smaller", "aria-expanded": "false",
-        on: { click: () => this.diagram.setAttribute("aria-expanded", String(this.panel.classList.toggle("mr-large"))) },
-      });
-      this.panel.append(this.facts, this.diagram);
     }
 
     /** Show the diagram of a robot's machine. */

@@ -17,7 +17,7 @@ It is read as missions are (config/loading.py), so mistakes are reported all at 
 """
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -53,28 +53,20 @@ StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ 
 HeaderKey = Annotated[str, Pattern(r"[^\s:#][^\s:]*( [^\s:]+)*", "words without a colon")]
 
 
-def _in_domains(words: Mapping[str, Words]) -> Mapping[str, Words]:
-    """The functions of words, whose parameters have the domains of the modules' as rules."""
-    domains = {name: {p.name: Range(p.low, p.high) for p in MODULES[name].parameters} for name in words}
-    return _changed(words, lambda module, name, kind: Annotated[kind, domains[module][name]], lambda kind: kind)
-
-
-def _in_any_domain(words: Mapping[str, Words]) -> Mapping[str, Words]:
-    """The functions of words, with any number for a label."""
-    return _changed(words, lambda _, __, kind: kind, lambda kind: kind | int)
-
-
-def _changed(
-    words: Mapping[str, Words], number: Callable[[str, str, Kind], Kind], label: Callable[[Kind], Kind]
-) -> Mapping[str, Words]:
-    """The functions of words with other annotations of their parameters: of numbers, and of labels."""
+def _ruled(words: Mapping[str, Words], *, any_domain: bool = False) -> Mapping[str, Words]:
+    """The functions of words, with rules: the domains of the modules' parameters, or any number, for a label too."""
     found: dict[str, Words] = {}
     for module, function in words.items():
+        kinds: dict[str, Kind] = {name: kind for name, (kind, _) in parameters_of(function).items()}
+        for parameter in MODULES[module].parameters:
+            kind = kinds[parameter.name]
+            is_label = origin_of(kind) is Literal
+            if any_domain and is_label:
+                kinds[parameter.name] = kind | int
+            elif not any_domain and not is_label:
+                kinds[parameter.name] = Annotated[kind, Range(parameter.low, parameter.high)]
         found[module] = functools.wraps(function)(functools.partial(function))
-        found[module].__annotations__ = {
-            name: label(kind) if origin_of(kind) is Literal else number(module, name, kind)
-            for name, (kind, _) in parameters_of(function).items()
-        }
+        found[module].__annotations__ = kinds
     return found
 
 
@@ -83,7 +75,7 @@ class NamedTransition:
     """A transition."""
 
     condition: str  # name of the condition
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_in_domains(CONDITION_WORDS), "condition")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(CONDITION_WORDS), "condition")]
     to: StateName  # name of the target, another state
 
 
@@ -93,7 +85,7 @@ class NamedState:
 
     name: StateName  # that no other state has
     behaviour: str  # name of the behaviour
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_in_domains(BEHAVIOUR_WORDS), "behaviour")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(BEHAVIOUR_WORDS), "behaviour")]
     transitions: Annotated[tuple[NamedTransition, ...], Length(0, MAX_TRANSITIONS)] = ()  # tested in random order
 
 
@@ -177,12 +169,12 @@ def _numbers(module: str, values: Mapping[str, Any]) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LenientTransition(NamedTransition):
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_in_any_domain(CONDITION_WORDS), "condition")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(CONDITION_WORDS, any_domain=True), "condition")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LenientState(NamedState):
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_in_any_domain(BEHAVIOUR_WORDS), "behaviour")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(BEHAVIOUR_WORDS, any_domain=True), "behaviour")]
     transitions: Annotated[tuple[_LenientTransition, ...], Length(0, MAX_TRANSITIONS)] = ()
 
 

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, excerpt
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
@@ -28,8 +28,8 @@ from mercator_design.view.pictures.figures import house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
-    UNKNOWN,
     arena_grid,
+    colours_of,
     covered,
     draw_arena,
     draw_floor,
@@ -163,7 +163,7 @@ class _Scene:
         low, high = limits(shown)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
         axes.tick_params(length=2.0, width=0.6)
-        figure.text(left + 0.5 * width, 0.985, _cut(shown.title), ha="center", va="top", size=9.0, weight="bold")
+        figure.text(left + 0.5 * width, 0.985, excerpt(shown.title), ha="center", va="top", size=9.0, weight="bold")
         self.clock = figure.text(left + 0.5 * width, 0.94, "", ha="center", va="top", size=8.0)
         self._floor = None
         mission = shown.mission
@@ -195,7 +195,7 @@ class _Scene:
             self._floor.move(math.ceil(cycle))
         poses = _poses_at(trace, cycle)
         states = trace.states[max(math.ceil(cycle) - 1, 0)] if cycle > 0.0 else np.zeros(trace.robots, dtype=np.int8)
-        colours = _colours(self._shown, states)
+        colours = colours_of(self._shown, states)
         model = self._shown.robot_model
         self._bodies.set_verts(list(placed(model.body.outline(), poses)))
         self._bodies.set_facecolor(colours)
@@ -247,12 +247,6 @@ def _poses_at(trace: Trace, cycle: float) -> Floats:
     return poses
 
 
-def _colours(shown: ShownExperiment, states: NDArray[np.int8]) -> list[str]:
-    if not shown.pfsms:
-        return [UNKNOWN] * len(states)
-    return [state_colour(state) for state in states]
-
-
 def _draw_timeline(axes: Axes, shown: ShownExperiment) -> Line2D:
     """The score so far over time; the cursor on it."""
     period = shown.trace.control_period
@@ -282,10 +276,6 @@ def _draw_legend(figure: Figure, shown: ShownExperiment, middle: float) -> None:
         columnspacing=1.0,
         handlelength=1.0,
     )
-
-
-def _cut(title: str) -> str:
-    return title if len(title) <= 60 else f"{title[:59]}…"
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: float) -> None:

@@ -19,6 +19,7 @@ from mercator_design.view.pictures.figures import house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     UNKNOWN,
+    colours_of,
     draw_arena,
     draw_floor,
     limits,
@@ -79,8 +80,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     _draw_scene(axes, shown)
     poses = shown.trace.poses
     pieces = np.stack([poses[:-1, :, :2], poses[1:, :, :2]], axis=2).reshape(-1, 2, 2)
-    states = shown.trace.states.reshape(-1)
-    colours = [state_colour(state) for state in states.tolist()] if shown.pfsms else UNKNOWN
+    colours = colours_of(shown, shown.trace.states.reshape(-1))
     axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.7, zorder=5), autolim=False)
     start, end = poses[0], poses[-1]
     axes.scatter(start[:, 0], start[:, 1], s=14.0, facecolors="white", edgecolors="black", linewidths=0.6, zorder=6)

@@ -35,6 +35,11 @@ def state_colour(state: int) -> str:
     return hex_of(*STATE_COLOURS[state % len(STATE_COLOURS)])
 
 
+def colours_of(shown: ShownExperiment, states: NDArray[np.int8]) -> list[str]:
+    """The colours of robots in these states."""
+    return [state_colour(state) if shown.pfsms else UNKNOWN for state in states.tolist()]
+
+
 def extent(mission: Mission) -> tuple[Floats, Floats]:
     """The lower left and upper right corner of what is shown: the arena, and lights and a room near it."""
     corners = mission.arena.corners()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mercator_design.config.json_data import from_json
-from mercator_design.config.schema import Length
+from mercator_design.config.schema import Length, Range
 from mercator_design.config.writing import plain
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
@@ -47,7 +47,7 @@ class Contestant:
 
     name: str
     fsm: str
-    scores: tuple[float, ...]
+    scores: tuple[Annotated[float, Range(-1e30, 1e30)], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

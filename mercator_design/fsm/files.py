@@ -102,6 +102,11 @@ def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None
     if tolerate:
         out_of_domain(pfsm, tolerate)
     header = {key: " ".join(value.split()) for key, value in (named.header or {}).items()}
+    for key in (_FLAVOUR, _NAMES):
+        if key in header:
+            raise FsmError(
+                f"{path}: header: expected no key '{key}': an fsm.yaml says this at its top and in its states"
+            )
     return FsmFile(pfsm=pfsm, header=header, names=named.names)
 
 

@@ -91,7 +91,10 @@ class Recording:
             SimulationError: if the robot has no such device, or the device needs an experiment that was recorded, or
                 `every` is below 1, or the result would be larger than MAX_SIZE.
         """
-        cycles = self._cycles(every)
+        return self.measure_at(name, self._cycles(every))
+
+    def measure_at(self, name: str, cycles: Numbers) -> Floats:
+        """The values of a device in some cycles, by their numbers from 0; errors are those of `measure`."""
         check_size(name, len(cycles) * self.values(name))
         return self._measured(name, cycles)
 

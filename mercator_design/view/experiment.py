@@ -23,7 +23,15 @@ from mercator_design.sim.simulate import Simulator
 MAX_READINGS = 3_000_000
 """Proximity readings that are shown; a longer experiment is shown without them."""
 
+MAX_CELLS = 5_000_000
+"""Cycles of all robots together: 20 robots for 7 hours. More would fill the memory."""
+
+_MAX_ROBOTS = 2000
+_MAX_PLACE = 1e4  # [m] from the origin
+_MAX_TURN = 1e6  # [rad]
+_PERIODS = (1e-3, 1e4)  # [s] of a cycle
 _POINTS = 120  # of the curve of the score
+_CHUNK = 500  # cycles whose neighbours are searched together: so they need little memory
 
 
 class Perceived(NamedTuple):
@@ -71,6 +79,19 @@ class ShownExperiment:
     fired: NDArray[np.uint8] | None = None
     perceived: Perceived = field(default_factory=Perceived)
     recording: Recording | None = None
+
+    def __post_init__(self) -> None:
+        """Check that it can be shown.
+
+        Raises:
+            MissionError: It is too large, or its numbers cannot be those of robots.
+        """
+        trace = self.trace
+        check_extent(self.title, trace.cycles, trace.robots, trace.control_period)
+        furthest, turn = np.abs(trace.poses[..., :2]).max(), np.abs(trace.poses[..., 2]).max()
+        if not (furthest <= _MAX_PLACE and turn <= _MAX_TURN):
+            expected = f"places up to {_MAX_PLACE:g} m from the origin and headings up to {_MAX_TURN:g} rad"
+            raise MissionError(f"{self.title}: expected {expected}, found {furthest:g} m and {turn:g} rad")
 
     @classmethod
     def simulated(
@@ -137,6 +158,21 @@ class ShownExperiment:
             return None
 
 
+def check_extent(title: str, cycles: int, robots: int, period: float) -> None:
+    """Check that an experiment is not too large, before its arrays are made.
+
+    Raises:
+        MissionError: It is.
+    """
+    if robots > _MAX_ROBOTS or cycles * robots > MAX_CELLS:
+        raise MissionError(
+            f"{title}: expected at most {_MAX_ROBOTS} robots and {MAX_CELLS:,} cycles of all robots together, found "
+            f"{robots} robots and {cycles} cycles"
+        )
+    if not _PERIODS[0] <= period <= _PERIODS[1]:
+        raise MissionError(f"{title}: expected cycles of {_PERIODS[0]:g} to {_PERIODS[1]:g} s, found {period:g} s")
+
+
 def _until(trace: Trace, recording: Recording | None, cycles: int) -> Trace:
     """The trace of the first cycles."""
     poses, states, measure = trace.poses[: cycles + 1], trace.states[:cycles], trace.measure
@@ -189,7 +225,10 @@ def perceived_of(readings: Floats, proximity: Floats | None = None, seen: Flags 
 def _seen(recording: Recording) -> Flags:
     """Which robots a robot perceives: those that stand where it measures a neighbour."""
     poses = recording.history.poses[1:]
-    return robots_at(poses, recording.measure("neighbour_places"), recording.robot_model.body.corner)
+    near = recording.robot_model.body.corner
+    parts = [np.arange(first, min(first + _CHUNK, len(poses))) for first in range(0, len(poses), _CHUNK)]
+    seen = [robots_at(poses[part], recording.measure_at("neighbour_places", part), near) for part in parts]
+    return np.concatenate(seen)
 
 
 def robots_at(poses: Floats, places: Floats, near: float) -> Flags:
@@ -207,9 +246,10 @@ def robots_at(poses: Floats, places: Floats, near: float) -> Flags:
     points = poses[..., None, :2] + places[..., :1] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     cycles, robots = poses.shape[:2]
     seen = np.zeros((cycles, robots, robots), dtype=np.bool_)
-    for cycle, robot, row in np.argwhere(~np.isnan(places[..., 0])):
-        away = np.linalg.norm(poses[cycle, :, :2] - points[cycle, robot, row], axis=1)
-        away[robot] = np.inf
-        nearest = int(np.argmin(away))
-        seen[cycle, robot, nearest] |= bool(away[nearest] < near)
+    cycle, robot, row = np.nonzero(~np.isnan(places[..., 0]))
+    away = np.linalg.norm(poses[cycle, :, :2] - points[cycle, robot, row, np.newaxis], axis=-1)
+    away[np.arange(len(robot)), robot] = np.inf
+    nearest = away.argmin(axis=1)
+    is_there = away[np.arange(len(nearest)), nearest] < near
+    seen[cycle[is_there], robot[is_there], nearest[is_there]] = True
     return seen

@@ -259,3 +259,11 @@ class TestVerb:
 
 def test_the_schema_has_all_flavours():
     assert SCHEMA.schema["properties"]["flavour"]["enum"] == list(FLAVOURS)
+
+
+@pytest.mark.parametrize("key", ["flavour", "state names"])
+def test_header_of_yaml_that_would_say_what_the_file_says(key, tmp_path):
+    path = tmp_path / "fsm.yaml"
+    path.write_text(f"schema: 1\nstates:\n- {{name: wait, behaviour: stop}}\nheader: {{{key}: chocolate}}\n")
+    with pytest.raises(FsmError, match=f"header: expected no key '{key}'"):
+        read_fsm(path)

@@ -68,6 +68,26 @@ def test_nothing_is_left_of_a_film_that_fails(shown, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_mp4_that_ffmpeg_cannot_write(shown, tmp_path, monkeypatch):
+    path = tmp_path / "film.mp4"
+    path.write_bytes(b"the film before")
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'No space left on device' >&2\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: str(program))
+    with pytest.raises(OSError, match="ffmpeg: No space left on device"):
+        Film([shown], path, speed=4.0, caption=CAPTION).write()
+    assert path.read_bytes() == b"the film before"
+    assert {one.name for one in tmp_path.iterdir()} == {"film.mp4", "ffmpeg"}
+
+
+@pytest.mark.parametrize("words", [r"a$\frac$", "$$", r"$\def\x$b", "\x1b[31m漢字\x07", "x" * 10_000])
+def test_words_of_others_in_pictures(words, shown, tmp_path):
+    one = dataclasses.replace(shown, title=words)
+    save_still(tmp_path / "still.png", [one], 1.0, caption=words)
+    save_plots(tmp_path / "plot.png", [one], ["score"], caption=words)
+
+
 def test_mp4_without_its_package(shown, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with pytest.raises(MercatorError, match="need the package imageio-ffmpeg"):

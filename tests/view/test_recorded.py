@@ -1,18 +1,21 @@
 """Traces and robot logs as experiments."""
 
 import json
+import os
 import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from mercator_design.config.checked_lines import to_line
 from mercator_design.errors import MissionError, RobotError
 from mercator_design.report.recording import write_recording
 from mercator_design.robot.logs.events import CycleDone
 from mercator_design.robot.logs.log import read
-from mercator_design.view.recorded import is_log, read_logs, read_trace
 from mercator_design.view.replay import replay_of
+from mercator_design.view.robot_logs import is_log, read_logs
+from mercator_design.view.traces import read_trace
 
 
 def ignore(_):
@@ -66,7 +69,7 @@ class TestTrace:
             (lambda t: pd.concat([t, t.iloc[:1]]), "one row for each time and robot"),
             (lambda t: t.assign(x=np.nan), "finite numbers"),
             (lambda t: t.assign(heading="north"), "finite numbers"),
-            (lambda t: t.assign(state=-1), "states from 0 to 127"),
+            (lambda t: t.assign(state=-1), "state: expected numbers from 0 to 127"),
             (lambda t: t.assign(time=t.time**2), "times in equal steps"),
             (lambda t: t[t.time < 0.15], "at least two times"),
             (lambda t: t.assign(state=3), "below 2, found 3"),
@@ -121,8 +124,6 @@ class TestLogs:
         assert text != lines[0]
         start = json.loads(text)
         start["clock"] = {"reference": "desk", "ahead": 3600.0, "uncertainty": 0.001}
-        from mercator_design.config.checked_lines import to_line
-
         start.pop("crc")
         late.write_text("".join([to_line(start), *(line + "\n" for line in lines[1:])]))
         together = read_logs(logs, simulator.robot_model, simulator=simulator, seed=1, starts=(), warn=ignore)
@@ -155,3 +156,81 @@ class TestLogs:
         assert not is_log(tmp_path / "none")
         shutil.copy(logs[0], tmp_path / "log.txt")
         assert is_log(tmp_path / "log.txt")
+
+
+class TestHostileFiles:
+    @pytest.mark.parametrize("suffix", [".csv", ".npz"])
+    def test_pipe_and_folder(self, suffix, simulator, tmp_path):
+        path = tmp_path / f"pipe{suffix}"
+        os.mkfifo(path)
+        with pytest.raises(MissionError, match="found a device or pipe"):
+            read_trace(path, simulator, 1, None)
+        assert not is_log(path)
+        (tmp_path / f"folder{suffix}").mkdir()
+        with pytest.raises(MissionError, match="found a folder"):
+            read_trace(tmp_path / f"folder{suffix}", simulator, 1, None)
+
+    def arrays(self, **changes):
+        arrays = {"time": np.arange(1.0, 4.0), "pose": np.zeros((3, 2, 3)), "state": np.zeros((3, 2), np.int8)}
+        return arrays | changes
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"time": np.array(1.0)}, "expected times"),
+            ({"time": np.zeros((3, 1))}, "expected times"),
+            ({"time": 1e10 * np.arange(1.0, 4.0)}, "time: expected at most"),
+            ({"time": 1e-321 * np.arange(1.0, 4.0)}, "times in equal steps|expected cycles of"),
+            ({"pose": np.full((3, 2, 3), 1e308)}, "expected places up to 10000 m"),
+            ({"pose": np.full((3, 2, 3), 1e20)}, "expected places up to 10000 m"),
+            ({"pose": np.zeros((3, 3000, 3)), "state": np.zeros((3, 3000))}, "at most 2000 robots"),
+            ({"pose": np.array([None])}, "expected a trace"),
+        ],
+    )
+    def test_arrays(self, changes, message, simulator, tmp_path):
+        np.savez_compressed(tmp_path / "t.npz", **self.arrays(**changes))
+        with pytest.raises(MissionError, match=message):
+            read_trace(tmp_path / "t.npz", simulator, 1, None)
+
+    def test_damaged_archives(self, simulator, tmp_path):
+        """Every byte of the first kilobyte, changed: it is read, or refused."""
+        np.savez_compressed(tmp_path / "t.npz", **self.arrays())
+        good = (tmp_path / "t.npz").read_bytes()
+        refused = 0
+        for place in range(0, len(good), 3):
+            (tmp_path / "t.npz").write_bytes(good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :])
+            try:
+                read_trace(tmp_path / "t.npz", simulator, 1, None)
+            except MissionError:
+                refused += 1
+        assert refused > len(good) // 10
+
+    def test_archive_that_unpacks_to_much(self, simulator, tmp_path, monkeypatch):
+        monkeypatch.setattr("mercator_design.view.traces._MAX_UNPACKED", 100)
+        np.savez_compressed(tmp_path / "t.npz", **self.arrays())
+        with pytest.raises(MissionError, match="MiB of arrays"):
+            read_trace(tmp_path / "t.npz", simulator, 1, None)
+
+
+def changed(log, path, change):
+    """A log with changed events."""
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    for event in events:
+        event.pop("crc")
+        change(event)
+    path.write_text("".join(map(to_line, events)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"control_period": -0.1}, "expected cycles of 0.001 to 10000 s, found -0.1 s"),
+        ({"next_state": 99}, "expected a state below 3, found 99"),
+    ],
+)
+def test_logs_that_no_robot_wrote(changes, message, logs, simulator, tmp_path):
+    (name,) = changes
+    log = changed(logs[0], tmp_path / "log.jsonl", lambda event: event.update(changes) if name in event else None)
+    with pytest.raises((MissionError, RobotError), match=message):
+        read_logs([log], simulator.robot_model, simulator=None, seed=1, starts=(), warn=ignore)

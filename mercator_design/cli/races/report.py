@@ -31,6 +31,8 @@ def report(
     With --follow, the page is served on the loopback while the race runs, and shows its progress. Ctrl-C ends this
     (exit code 130), not the race; else it ends with the race (exit code 0).
     """
+    if port and not follow:
+        raise click.UsageError("--port needs --follow")
     if follow:
         if output is not None or proof_runs is not None:
             raise click.UsageError("--follow writes nothing: it cannot be given with --output or --proof-runs")

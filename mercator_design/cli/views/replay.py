@@ -49,6 +49,11 @@ def replay(
     """
     if video is not None and at is not None:
         raise click.UsageError("expected --video or --png, not both")
+    if video is not None and output is not None:
+        raise click.UsageError("expected --video or -o, not both")
+    longest = max(one.trace.cycles * one.trace.control_period for one in shown)
+    if at is not None and at > longest:
+        raise click.UsageError(f"--png: expected at most {longest:g} s, the end of the experiment, found {at:g} s")
     score = "; ".join(f"{one.title}: score {one.score:g}" for one in shown if one.score is not None)
     if at is not None:
         path = FileOf(*figures.FORMATS).convert(output or "replay.png", None, None)

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.recorded import TABLES, Pose, is_log, read_logs, read_trace
+from mercator_design.view.robot_logs import Pose, is_log, read_logs
+from mercator_design.view.traces import SUFFIXES, read_trace
 
 _ROBOT_MODEL = "mercator"  # of logs without a mission
 
@@ -52,31 +53,40 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         overrides: tuple[str, ...],
         **others: Any,  # noqa: ANN401 - the verb's
     ) -> None:
+        kind = _kind_of(sources[0])
+        for option, value, wanted in (
+            ("--compare", compare, "FSM"),
+            ("--fsm", fsm, "TRACE"),
+            ("--start", starts, "LOG"),
+        ):
+            if value and kind != wanted:
+                raise click.UsageError(f"{option} needs {wanted} as the first file, found {kind}: {sources[0]}")
+        for path in filter(None, (others.get("output"), others.get("video"))):
+            _check_apart(path, (*sources, *compare, *filter(None, [fsm])))
         given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
         read = functools.partial(read_controller, flavour=flavour, lenient=lenient)
-        first = sources[0]
-        if first.suffix.lower() not in TABLES and not is_log(first):
+        if kind == "FSM":
             if len(sources) > 1:
                 raise click.UsageError(f"expected one FSM, found {len(sources)} files; to compare, give --compare")
-            verb(shown=_simulated([first, *compare], read, given, seed), **others)
+            verb(shown=_simulated([*sources, *compare], read, given, seed), **others)
             return
-        if compare:
-            raise click.UsageError("--compare runs another FSM on the same instance: expected an FSM as the first file")
+        if mission is None and overrides:
+            raise click.UsageError("--set needs --mission")
         simulator = None if mission is None else new_simulator(load_mission(mission, overrides), robot_model)
         if simulator is not None:
             simulator.rehearse(announce=print_message)
-        if first.suffix.lower() in TABLES:
+        if kind == "TRACE":
             if simulator is None or len(sources) > 1:
                 raise click.UsageError("expected one trace, with --mission, which says where it took place")
             file = None if fsm is None else read(fsm)
             pfsm, names = (None, ()) if file is None else (file.pfsm, file.names)
-            verb(shown=[read_trace(first, simulator, seed, pfsm, names=names)], **others)
-            return
-        model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
-        logs = read_logs(
-            sources, model, simulator=simulator, seed=seed, starts=starts, warn=lambda message: warn([message])
-        )
-        verb(shown=[logs], **others)
+            shown = read_trace(sources[0], simulator, seed, pfsm, names=names)
+        else:
+            model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
+            shown = read_logs(
+                sources, model, simulator=simulator, seed=seed, starts=starts, warn=lambda message: warn([message])
+            )
+        verb(shown=[shown], **others)
 
     options = (
         click.argument("sources", nargs=-1, required=True, type=FILE, metavar="FSM|TRACE|LOG..."),
@@ -109,6 +119,18 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(options):
         with_experiments = option(with_experiments)
     return with_experiments
+
+
+def _kind_of(path: Path) -> str:
+    """What a file is, by its suffix or its first byte."""
+    return "TRACE" if path.suffix.lower() in SUFFIXES else "LOG" if is_log(path) else "FSM"
+
+
+def _check_apart(output: Path, inputs: Iterable[Path]) -> None:
+    """Check that what is written replaces nothing that is read."""
+    for path in inputs:
+        if output.exists() and path.exists() and output.samefile(path):
+            raise click.UsageError(f"{output}: expected another file than the one that is shown")
 
 
 def _simulated(files: list[Path], read: Callable[[Path], FsmFile], given: Given, seed: int) -> list[ShownExperiment]:

@@ -139,7 +139,7 @@ def _with_probability(beta: float, cycle: float, where: str) -> str:
 def _by_neighbours(xi: int, eta: float, sign: int) -> str:
     """The probabilities with none and with about xi neighbours."""
     numbers = sorted({0, max(0, int(xi) - 1), int(xi), int(xi) + 1})
-    found = [f"{_percent(logistic(sign * eta * (n - xi)))} with {n or 'none'}" for n in numbers]
+    found = [f"{_percent(logistic(float(eta) * sign * (n - xi)))} with {n or 'none'}" for n in numbers]
     return f"{', '.join(found[:-1])} and {found[-1]}, in each cycle"
 
 

@@ -16,6 +16,7 @@ const data = document.getElementById("sources");
 if (data) {
   const sources = JSON.parse(data.textContent);
   const stages = [];
+  const players = [];
   const tabs = [...document.querySelectorAll("[data-replay]")];
   const show = async (chosen) => {
     const isNew = !stages[chosen];
@@ -23,12 +24,14 @@ if (data) {
       stages[chosen] = document.getElementById("replay").appendChild(document.createElement("div"));
       stages[chosen].className = "stage";
     }
-    tabs.forEach((tab, k) => tab.setAttribute("aria-selected", String(k === chosen)));
+    tabs.forEach((tab, k) => tab.setAttribute("aria-pressed", String(k === chosen)));
     stages.forEach((stage, k) => (stage.hidden = k !== chosen));
+    players.forEach((player, k) => k !== chosen && player.pause());
     if (isNew) {
       const root = stages[chosen].appendChild(document.createElement("div"));
-      window.player = await MercatorReplay.mount(root, [sources[chosen]]);
+      players[chosen] = await MercatorReplay.mount(root, [sources[chosen]]);
     }
+    window.player = players[chosen];
   };
   tabs.forEach((tab, k) => tab.addEventListener("click", () => show(k)));
   show(0);

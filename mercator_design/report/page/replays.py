@@ -62,12 +62,12 @@ def replays(runs: Sequence[Run], shown: Sequence[Replay], without: str) -> Html:
     if not shown:
         return section("replays", "The winner at work", note(without) if without else "")
     tabs = "".join(
-        f'<button type="button" role="tab" aria-selected="{str(k == 0).lower()}" data-replay="{k}" '
+        f'<button type="button" aria-pressed="{str(k == 0).lower()}" data-replay="{k}" '
         f'data-seed="{run.seed}" data-score="{run.score:.6g}">{escaped(run.name)}: {number(run.score)}</button>'
         for k, run in enumerate(runs[: len(shown)])
     )
     player = (
-        f'<div class="tabs" role="tablist" aria-label="Runs">{tabs}</div><div id="replay"></div>'
+        f'<div class="tabs" role="group" aria-label="Runs">{tabs}</div><div id="replay"></div>'
         f'<script type="application/json" id="sources">{script_json(list(shown))}</script>'
     )
     left_out = [run.name for run in runs[len(shown) :]]

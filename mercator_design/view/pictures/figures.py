@@ -1,6 +1,8 @@
 """The style of pictures, and writing them: equal figures give equal files."""
 
 import io
+import textwrap
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from mercator_design.errors import printable
 from mercator_design.system.files import write_bytes
 
 _DPI = 160  # of a PNG
@@ -29,8 +32,12 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Matplotlib's default style instead of the user's; make and save figures within."""
-    with mpl.rc_context():
+    """Matplotlib's default style instead of the user's; make and save figures within.
+
+    Letters that the font lacks are boxes, without a warning for each.
+    """
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
         yield
@@ -46,3 +53,8 @@ def save_figure(path: Path, figure: Figure) -> None:
     file = io.BytesIO()
     figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
     write_bytes(path, file.getvalue())
+
+
+def lines_of(text: str, length: int, most: int = 3) -> str:
+    """A text of others in at most so many lines of a length [letters]."""
+    return "\n".join(textwrap.wrap(printable(text), length, max_lines=most, placeholder=" ..."))

@@ -1,7 +1,10 @@
 """Experiments as films and pictures, drawn without a display or browser."""
 
+import contextlib
 import itertools
 import math
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,14 +20,14 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import MercatorError, excerpt
+from mercator_design.errors import MercatorError, excerpt, printable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.system.files import replacing
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.figures import house_style, lines_of, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
@@ -118,7 +121,8 @@ class Stage:
         self._scenes = [
             _Scene(self.figure, one, (k / len(shown), 0.0, 1.0 / len(shown), 1.0)) for k, one in enumerate(shown)
         ]
-        self.figure.text(0.5, 0.05 / height, caption, ha="center", va="bottom", size=6.0, family="monospace", wrap=True)
+        below = lines_of(caption, round(18 * _SIZE * len(shown)))
+        self.figure.text(0.5, 0.05 / height, below, ha="center", va="bottom", size=6.0, family="monospace")
         self._moving = [artist for scene in self._scenes for artist in scene.moving]
         self._clocks = [scene.clock for scene in self._scenes]
         for artist in (*self._moving, *self._clocks):
@@ -163,7 +167,9 @@ class _Scene:
         low, high = limits(shown)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
         axes.tick_params(length=2.0, width=0.6)
-        figure.text(left + 0.5 * width, 0.985, excerpt(shown.title), ha="center", va="top", size=9.0, weight="bold")
+        figure.text(
+            left + 0.5 * width, 0.985, excerpt(printable(shown.title)), ha="center", va="top", size=9.0, weight="bold"
+        )
         self.clock = figure.text(left + 0.5 * width, 0.94, "", ha="center", va="top", size=8.0)
         self._floor = None
         mission = shown.mission
@@ -296,36 +302,35 @@ def _mp4_writer() -> Callable[[Path, Iterator[Frame], float], None]:
         MercatorError: imageio-ffmpeg is not installed.
     """
     try:
-        import imageio_ffmpeg
+        from imageio_ffmpeg import get_ffmpeg_exe
     except ModuleNotFoundError:
         raise MercatorError(
             "films as .mp4 need the package imageio-ffmpeg: pip install imageio-ffmpeg; films as .gif need no more"
         ) from None
-    return partial(_write_mp4, imageio_ffmpeg.write_frames)
+    return partial(_write_mp4, get_ffmpeg_exe())
 
 
-def _write_mp4(write_frames: Callable[..., Any], path: Path, frames: Iterator[Frame], rate: float) -> None:
+def _write_mp4(ffmpeg: str, path: Path, frames: Iterator[Frame], rate: float) -> None:
     """Write frames by ffmpeg, a process of its own."""
     frame = next(frames)
     rows, columns = (n - n % 2 for n in frame.shape[:2])  # what every player understands has even sides
-    draft = path.with_name(f".{path.name}.part.mp4")
-    try:
-        writer = write_frames(
-            str(draft),
-            (columns, rows),
-            fps=rate,
-            codec="libx264",
-            macro_block_size=1,
-            quality=None,
-            output_params=["-crf", "23", "-preset", "veryfast", "-movflags", "+faststart"],
-            ffmpeg_log_level="error",
-        )
-        writer.send(None)
-        try:
-            for each in itertools.chain([frame], frames):
-                writer.send(np.ascontiguousarray(each[:rows, :columns]))
-        finally:
-            writer.close()
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", f"{rate:g}", "-i", "-"]
+    made = ["-c:v", "libx264", "-preset", "veryfast", "-crf", "23", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    with replacing(path) as draft, tempfile.TemporaryFile() as said:
+        line = [ffmpeg, "-y", "-v", "error", *given, *made, "-f", "mp4", draft.name]
+        with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said) as process:  # noqa: S603
+            assert process.stdin is not None  # noqa: S101 - a pipe
+            try:
+                for each in itertools.chain([frame], frames):
+                    process.stdin.write(np.ascontiguousarray(each[:rows, :columns]).data)
+            except BrokenPipeError:
+                pass  # ffmpeg has failed, and says why
+            except BaseException:
+                process.kill()
+                raise
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
+        if process.returncode:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip().splitlines() or [f"exit code {process.returncode}"]
+            raise OSError(f"ffmpeg: {words[-1]}")

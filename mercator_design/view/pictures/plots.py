@@ -1,5 +1,6 @@
 """Plots of experiments: trajectories, presence, states, distances and the score over time."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.distance import cdist
 
 from mercator_design.arrays import Floats
+from mercator_design.errors import excerpt, printable
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.figures import house_style, lines_of, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     UNKNOWN,
@@ -30,6 +32,8 @@ from mercator_design.view.pictures.scenery import (
 _COLUMN, _WIDTH, _LEFT = 4.9, 3.7, 0.6  # [inches] a column, the axes in it, and the space left of them
 _ABOVE, _BELOW = 0.3, 0.5  # [inches] the space for the legend, and for the axis
 _HEAD, _FOOT = 0.4, 0.35  # [inches] the title and the caption
+_MAX_PIECES = 200_000  # of all trajectories
+_MAX_DISTANCES = 50_000_000  # between robots, over all times
 _CELLS = 50  # of the map of presence, along its longer side
 _HEIGHTS = {
     "trajectories": _WIDTH,
@@ -65,22 +69,25 @@ def plots(shown: Sequence[ShownExperiment], kinds: Sequence[str], *, caption: st
     for column, one in enumerate(shown):
         left = _COLUMN * column + _LEFT
         middle = (left + 0.5 * _WIDTH) / width
-        figure.text(middle, 1.0 - 0.08 / height, f"{one.title}\n{one.subtitle}", ha="center", va="top", size=8.0)
+        title = f"{excerpt(printable(one.title))}\n{one.subtitle}"
+        figure.text(middle, 1.0 - 0.08 / height, title, ha="center", va="top", size=8.0)
         bottom = height - _HEAD
         for kind, row in zip(kinds, rows, strict=True):
             bottom -= row
             place = (left / width, (bottom + _BELOW) / height, _WIDTH / width, _HEIGHTS[kind] / height)
             KINDS[kind](figure.add_axes(place), one)
-    figure.text(0.5, 0.1 / height, caption, ha="center", va="bottom", size=6.0, family="monospace", wrap=True)
+    below = lines_of(caption, round(18 * width))
+    figure.text(0.5, 0.1 / height, below, ha="center", va="bottom", size=6.0, family="monospace")
     return figure
 
 
 def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     """The paths of the robots' centres, in the colours of their states."""
     _draw_scene(axes, shown)
-    poses = shown.trace.poses
-    pieces = np.stack([poses[:-1, :, :2], poses[1:, :, :2]], axis=2).reshape(-1, 2, 2)
-    colours = colours_of(shown, shown.trace.states.reshape(-1))
+    poses, n = shown.trace.poses, shown.trace.cycles
+    kept = np.append(np.arange(0, n, math.ceil(shown.trace.states.size / _MAX_PIECES)), n)
+    pieces = np.stack([poses[kept[:-1], :, :2], poses[kept[1:], :, :2]], axis=2).reshape(-1, 2, 2)
+    colours = colours_of(shown, shown.trace.states[kept[1:] - 1].reshape(-1))
     axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.7, zorder=5), autolim=False)
     start, end = poses[0], poses[-1]
     axes.scatter(start[:, 0], start[:, 1], s=14.0, facecolors="white", edgecolors="black", linewidths=0.6, zorder=6)
@@ -141,12 +148,13 @@ def _states(axes: Axes, shown: ShownExperiment) -> None:
 def _distances(axes: Axes, shown: ShownExperiment) -> None:
     """Distances between the robots' centres over time: to the nearest robot, and of all pairs."""
     trace = shown.trace
-    times = trace.control_period * np.arange(trace.cycles + 1)
+    every = math.ceil((trace.cycles + 1) * trace.robots**2 / _MAX_DISTANCES)
+    times = trace.control_period * np.arange(0, trace.cycles + 1, every)
     axes.set(xlabel="time [s]", ylabel="distance [m]", xlim=(0.0, times[-1]))
     if trace.robots == 1:
         axes.text(0.5, 0.5, "one robot", ha="center", va="center", transform=axes.transAxes)
         return
-    nearest, pairs = _distances_of(trace.poses[..., :2])
+    nearest, pairs = _distances_of(trace.poses[::every, :, :2])
     axes.fill_between(times, nearest.min(axis=1), nearest.max(axis=1), color=_CURVE, alpha=0.2, linewidth=0.0)
     axes.plot(times, nearest.mean(axis=1), color=_CURVE, linewidth=1.0, label="to the nearest: mean, and range")
     axes.plot(times, pairs, color=_OTHER, linewidth=1.0, label="of all pairs: mean")

@@ -851,7 +851,8 @@ const MercatorReplay = (() => {
     }
 
     key(event) {
-      if (event.target instanceof HTMLSelectElement || event.ctrlKey || event.metaKey || event.altKey) return;
+      const isPressed = event.target instanceof HTMLButtonElement && [" ", "Enter"].includes(event.key);
+      if (isPressed || event.target instanceof HTMLSelectElement || event.ctrlKey || event.metaKey || event.altKey) return;
       const actions = {
         " ": () => this.toggle(),
         ArrowLeft: () => this.step(event.shiftKey ? -10 : -1),
@@ -878,6 +879,10 @@ const MercatorReplay = (() => {
       this.isPlaying = !this.isPlaying;
       this.last = null;
       this.redraw();
+    }
+
+    pause() {
+      if (this.isPlaying) this.toggle();
     }
 
     step(cycles) {

@@ -11,6 +11,8 @@ from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
 from mercator_design.view.charts import Line
 
+FEW = 4
+"""Scores whose interval a chart shows, at least."""
 _FIRST, _LAST = 10, 20
 """Numbers of iterations that are shown, if there are more."""
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
@@ -48,13 +50,18 @@ def incumbents(record: Record) -> list[Incumbent]:
     return found
 
 
-def best_line(name: str, found: Sequence[Incumbent]) -> tuple[Line, list[Scores]]:
-    """The mean of the best of each iteration over the experiments until its end, with its interval; and the scores."""
+def best_line(name: str, found: Sequence[Incumbent]) -> Line:
+    """The mean of the best of each iteration over the experiments until its end, with its interval.
+
+    Fewer scores than FEW have intervals so wide that little else would be seen: these are cut off.
+    """
     ends = accumulate(one.ended.used for one in found)
     points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
-    scores = [of for _, of in points]
-    x, y = [end for end, _ in points], [of.mean for of in scores]
-    return Line(name, x, y, [of.interval[0] for of in scores], [of.interval[1] for of in scores]), scores
+    x, y = [end for end, _ in points], [of.mean for _, of in points]
+    usual = [*y, *(value for _, of in points if len(of.values) >= FEW for value in of.interval)]
+    low, high = min(usual, default=0.0), max(usual, default=0.0)
+    bands = [(max(of.interval[0], low), min(of.interval[1], high)) for _, of in points]
+    return Line(name, x, y, [low for low, _ in bands], [high for _, high in bands])
 
 
 def iterations_table(record: Record) -> list[str]:

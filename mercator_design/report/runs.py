@@ -178,8 +178,7 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     lines, names = [], []
     for folder in folders:
         record = _begun(folder).record
-        line, _ = best_line(printable(str(folder)), incumbents(record))
-        lines.append(line)
+        lines.append(best_line(printable(str(folder)), incumbents(record)))
         names.append(printable(str(record.start["name"])))
     caption = (
         f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"

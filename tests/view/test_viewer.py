@@ -27,7 +27,7 @@ DECODED = """player.replays.map((replay) => {
   return { poses, states, score: replay.score, last: replay.scoreAt(replay.cycles) };
 })"""
 PRESS = """for (const key of %s) {
-  document.querySelector(".mr").dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
 }
 player.draw();"""
 SEEN = """(() => {
@@ -42,6 +42,7 @@ SEEN = """(() => {
     width: document.documentElement.scrollWidth,
   };
 })()"""
+PICTURE = "player.scenes[0].stage.canvas.toDataURL()"
 PLAYED = """new Promise((done) => {
   player.speed = 64;
   player.toggle();
@@ -178,3 +179,16 @@ def test_floor_of_every_kind_of_zone(page, tmp_path):
     differ = np.abs(drawn - colours_at(shown.trace.floor, points)).max(axis=1) > 3.0
     assert differ.mean() < 0.03  # at the edges
     assert page.complaints == []
+
+
+def test_neighbours_are_shown(opened, shown):
+    cycle = int(np.flatnonzero(shown.perceived.seen.any(axis=(1, 2)))[0]) + 1
+    before = opened.evaluate(f"player.seek({cycle}); player.draw(); {PICTURE}")
+    after = opened.evaluate((PRESS % '["n"]') + PICTURE)
+    assert before != after
+
+
+def test_space_on_a_button_presses_it_only(opened):
+    pressed = 'new KeyboardEvent("keydown", { key: " ", bubbles: true })'
+    opened.evaluate(f"player.toggles.trails.dispatchEvent({pressed})")
+    assert not opened.evaluate("player.isPlaying")

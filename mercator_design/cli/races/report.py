@@ -54,4 +54,4 @@ def _follow(directory: Path, port: int) -> None:
     with Follower(directory, lambda: latest_report(directory), port) as server:
         print_result(server.address)
         server.serve()
-    print_message(f"The process that ran {directory} has ended")
+    print_message(f"The race of {directory} does not run any more; `mdesign report {directory}` writes its report")

@@ -11,6 +11,7 @@ import click
 from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, read_controller, warn
+from mercator_design.designer import Designer
 from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
@@ -53,6 +54,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         overrides: tuple[str, ...],
         **others: Any,  # noqa: ANN401 - the verb's
     ) -> None:
+        sources = tuple(path / Designer.WINNER if (path / Designer.WINNER).is_file() else path for path in sources)
         kind = _kind_of(sources[0])
         for option, value, wanted in (
             ("--compare", compare, "FSM"),

@@ -7,7 +7,7 @@ from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.report.columns import difference
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.markup import Html, figure, folded, note, p_text, row_of, section, table
+from mercator_design.report.page.markup import Html, figure, folded, note, p_text, section, table
 from mercator_design.view.charts import Axis, Dot, heat_map, interval_chart, number
 
 _MAX_COLUMNS = 120
@@ -67,7 +67,7 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
         "budget."
     )
     chart = figure(interval_chart(dots, Axis(facts.score_name)), caption, facts.command())
-    return Html(note(verdict(facts, proof)) + row_of(chart, table(head, rows, name="fresh")))
+    return Html(note(verdict(facts, proof)) + f'<div class="narrow">{chart}</div>' + table(head, rows, name="fresh"))
 
 
 def _matrix(facts: Facts) -> Html:

@@ -5,7 +5,7 @@ import math
 from mercator_design.analysis.pruning import module_counts
 from mercator_design.race.analysis.convergence import first_iterations, spreads
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
-from mercator_design.report.iterations import Incumbent, best_line, incumbents, iteration_name
+from mercator_design.report.iterations import FEW, Incumbent, best_line, incumbents, iteration_name
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
 from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, line_chart, number, parallel_chart
@@ -13,8 +13,6 @@ from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, lin
 _MAX_THREADS = 40
 _MAX_AXES = 14
 _MAX_NOTES = 3
-_FEW = 4
-"""Scores below this number have intervals so wide that little else would be seen: they are cut off."""
 
 
 def course(facts: Facts) -> Html:
@@ -54,18 +52,15 @@ def _budget(facts: Facts) -> Html:
 
 
 def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
-    line, points = best_line("best of each iteration", found)
-    usual = [value for scores in points if len(scores.values) >= _FEW for value in scores.interval]
-    lowest, highest = min([*line.y, *usual]), max([*line.y, *usual])
-    cut = [max(value, lowest) for value in line.low], [min(value, highest) for value in line.high]
-    lines = [line._replace(low=cut[0], high=cut[1])]
+    line = best_line("best of each iteration", found)
+    lines = [line]
     if facts.tested is not None:
         mean, (low, high) = facts.tested.mean, facts.tested.interval
         lines.append(Line("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
         "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few. "
-        f"Intervals of fewer than {_FEW} scores are cut off."
+        f"Intervals of fewer than {FEW} scores are cut off."
     )
     chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))
     return figure(chart, caption, facts.command())

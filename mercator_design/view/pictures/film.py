@@ -262,6 +262,7 @@ def _draw_timeline(axes: Axes, shown: ShownExperiment) -> Line2D:
     if len(shown.curve.cycles):
         axes.plot(shown.curve.cycles * period, shown.curve.scores, color="#0072b2", linewidth=1.0)
         axes.set_ylabel("score", labelpad=1.0)
+        axes.margins(y=0.12)
     else:
         axes.set_yticks([])
     return axes.axvline(0.0, color="#d55e00", linewidth=1.2)

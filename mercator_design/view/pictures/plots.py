@@ -91,7 +91,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.7, zorder=5), autolim=False)
     start, end = poses[0], poses[-1]
     axes.scatter(start[:, 0], start[:, 1], s=14.0, facecolors="white", edgecolors="black", linewidths=0.6, zorder=6)
-    axes.scatter(end[:, 0], end[:, 1], s=14.0, color="black", zorder=7)
+    axes.scatter(end[:, 0], end[:, 1], s=16.0, color="black", edgecolors="white", linewidths=0.6, zorder=7)
     handles = [
         Line2D([], [], marker="o", color="white", markeredgecolor="black", markersize=4.0, label="start"),
         Line2D([], [], marker="o", color="black", linewidth=0.0, markersize=4.0, label="end"),
@@ -182,6 +182,7 @@ def _score(axes: Axes, shown: ShownExperiment) -> None:
         axes.text(0.5, 0.5, "there is no score", ha="center", va="center", transform=axes.transAxes)
         return
     axes.plot(curve.cycles * trace.control_period, curve.scores, color=_CURVE, linewidth=1.0, label="score so far")
+    axes.margins(y=0.08)
     _legend(axes)
 
 

@@ -105,12 +105,18 @@ const MercatorReplay = (() => {
       return now - since;
     }
 
-    reading(name, robot, cycle, width = 1) {
+    /** The numbers of a robot after a cycle, so many for each; null if they are not known. */
+    readings(name, robot, cycle, width) {
       const array = this.arrays[name];
       if (!array) return null;
       const c = Math.min(Math.max(Math.ceil(cycle) - 1, 0), this.cycles - 1);
       const at = (robot * this.cycles + c) * width;
-      return width === 1 ? array[at] : array.subarray(at, at + width);
+      return array.subarray(at, at + width);
+    }
+
+    reading(name, robot, cycle) {
+      const found = this.readings(name, robot, cycle, 1);
+      return found && found[0];
     }
 
     /** The score if the experiment had ended at a cycle, as last computed. */
@@ -411,12 +417,10 @@ const MercatorReplay = (() => {
       const { replay, options } = this;
       const bytes = Math.ceil(replay.robots / 8);
       if (!replay.arrays.seen) return;
-      context.strokeStyle = css(this.canvas, "--link");
-      context.lineWidth = 1.2 * this.pixel * density();
       context.beginPath();
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
-        const bits = replay.reading("seen", i, cycle, bytes);
+        const bits = replay.readings("seen", i, cycle, bytes);
         const [x, y] = replay.pose(i, cycle);
         for (let j = 0; j < replay.robots; j++) {
           if (!((bits[j >> 3] >> (j & 7)) & 1)) continue;
@@ -425,7 +429,11 @@ const MercatorReplay = (() => {
           context.lineTo(u, v);
         }
       }
-      context.stroke();
+      for (const [name, width] of [["--edge", 3.5], ["--link", 1.6]]) {
+        context.strokeStyle = css(this.canvas, name); // on light and on dark floors
+        context.lineWidth = width * this.pixel * density();
+        context.stroke();
+      }
     }
 
     drawProximity(context, cycle) {
@@ -437,7 +445,7 @@ const MercatorReplay = (() => {
       for (let i = 0; i < replay.robots; i++) {
         if (options.robot !== null && options.robot !== i) continue;
         const [x, y, heading] = replay.pose(i, cycle);
-        const values = replay.reading("proximity", i, cycle, angles.length);
+        const values = replay.readings("proximity", i, cycle, angles.length);
         const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
         angles.forEach((angle, k) => {
           const isClear = values[k] === NOTHING;
@@ -753,7 +761,7 @@ const MercatorReplay = (() => {
       const ground = replay.reading("ground", robot, cycle);
       if (ground !== null) facts.push(["Ground", this.swatch(replay.grounds[ground])]);
       if (replay.proximity) {
-        const values = [...(replay.reading("proximity", robot, cycle, replay.proximity.angles.length) || [])];
+        const values = [...(replay.readings("proximity", robot, cycle, replay.proximity.angles.length) || [])];
         const nearest = Math.min(NOTHING, ...values);
         if (values.length) facts.push(["Nearest", nearest === NOTHING ? "nothing in sight" : `${((nearest / replay.proximity.steps) * replay.proximity.range).toFixed(2)} m`]);
       }
@@ -799,7 +807,12 @@ const MercatorReplay = (() => {
       root.classList.add("mr");
       root.classList.toggle("mr-several", replays.length > 1);
       root.replaceChildren(make("div", { class: "mr-scenes" }, ...this.scenes.map((scene) => scene.element)), this.controls());
-      root.addEventListener("keydown", (event) => this.key(event));
+      // Keys count on the whole page, unless they are for another part of it.
+      document.addEventListener("keydown", (event) => {
+        if (root.isConnected && root.offsetParent !== null && (event.target === document.body || root.contains(event.target))) {
+          this.key(event);
+        }
+      });
       new ResizeObserver(() => this.redraw()).observe(root);
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
       this.redraw();

@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import FOLDER, PICTURE, PLUGIN, ROBOT_MODEL, SEED, SET, seed_of
-from mercator_design.cli.terminal import terminal_width
+from mercator_design.cli.terminal import command_line, terminal_width
 from mercator_design.command import print_result
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
@@ -73,7 +73,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     path = output or Path(f"{loaded.name}.png")
     simulator = new_simulator(loaded, robot_model)
     with writing(path):
-        save_preview(path, simulator, seed=seed)
+        save_preview(path, simulator, seed=seed, caption=command_line())
     warn_of_mission(simulator, refuse=False)
     print_result(path)
 

@@ -183,12 +183,13 @@ def _finite(text: str) -> float:
     return value
 
 
-def save_ablation(path: Path, ablation: Ablation) -> None:
+def save_ablation(path: Path, ablation: Ablation, *, caption: str) -> None:
     """Draw a path of changes: mean scores with their confidence intervals.
 
     Args:
         path: The picture; its suffix .png or .svg is the format.
         ablation: The result to draw.
+        caption: Line below the chart.
 
     Raises:
         OSError: The picture cannot be written.
@@ -212,7 +213,7 @@ def save_ablation(path: Path, ablation: Ablation) -> None:
         axes.set_xlabel(f"mean score, interval of {CONFIDENCE:.0%}; hollow: differs from the start")
         what = "the winner taken apart" if ablation.simplifies else f"from {ablation.start} to the winner"
         axes.set_title(f"{ablation.task.name}: {what}, n={len(rows[0].scores.values)}")
-        save_figure(path, figure)
+        save_figure(path, figure, caption)
 
 
 class _Row(NamedTuple):

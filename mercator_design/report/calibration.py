@@ -67,12 +67,13 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
     return text
 
 
-def save_noise(path: Path, calibration: Calibration) -> None:
+def save_noise(path: Path, calibration: Calibration, *, caption: str) -> None:
     """Draw a histogram of the noise of each sensor, and the fitted distribution.
 
     Args:
         path: The picture; its suffix .png or .svg is the format.
         calibration: The result to draw.
+        caption: Line below the histograms.
 
     Raises:
         OSError: The picture cannot be written.
@@ -86,7 +87,7 @@ def save_noise(path: Path, calibration: Calibration) -> None:
             _draw(axes, one, noise)
             if number == 1:
                 figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-        save_figure(path, figure)
+        save_figure(path, figure, caption)
 
 
 def _draw(axes: Axes, one: SensorNoise, noise: Noise) -> None:

@@ -222,4 +222,4 @@ def ablation(
             write_text(directory / ABLATION, ablation_csv(result))
     if plot is not None:
         with writing(plot):
-            save_ablation(plot, result)
+            save_ablation(plot, result, caption=command_line())

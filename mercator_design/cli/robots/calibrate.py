@@ -7,6 +7,7 @@ import click
 
 from mercator_design.calibration.sensors import calibrate as fit
 from mercator_design.cli.options import JSON, plot_of, seed_of
+from mercator_design.cli.terminal import command_line
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result
 from mercator_design.config.building import is_name
 from mercator_design.errors import MercatorError
@@ -55,7 +56,7 @@ def calibrate(
         print_message(f"Note: {note}")
     if plot is not None:
         with writing(plot):
-            save_noise(plot, result)
+            save_noise(plot, result, caption=command_line())
     beside = base if is_name(base) else os.path.relpath(base, output.parent)
     with writing(output):
         write_text(output, model_text(result, beside, name))

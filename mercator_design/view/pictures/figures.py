@@ -43,15 +43,19 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def save_figure(path: Path, figure: Figure) -> None:
-    """Write a figure; the suffix of the path, of FORMATS, is the format.
+def save_figure(path: Path, figure: Figure, caption: str = "") -> None:
+    """Write a figure with a caption below it; the suffix of the path, of FORMATS, is the format.
 
     Raises:
         OSError: The picture cannot be written.
     """
     suffix = path.suffix.lower()
     file = io.BytesIO()
-    figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI)
+    if caption:
+        below = lines_of(caption, round(18 * figure.get_figwidth()))
+        figure.text(0.5, -0.01, below, ha="center", va="top", size=6.0, family="monospace")
+    box = "tight" if caption else None
+    figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI, bbox_inches=box, pad_inches=0.06)
     write_bytes(path, file.getvalue())
 
 

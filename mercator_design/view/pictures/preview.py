@@ -47,13 +47,14 @@ _REACH, _HIDDEN = "#5b6770", "#b3123f"
 _CORNER = 3  # cells of the grid of `Reach`: half the width of a place out of reach that is worth showing
 
 
-def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
+def save_preview(path: Path, simulator: Simulator, *, seed: int, caption: str = "") -> None:
     """Write the picture of a mission.
 
     Args:
         path: The picture; its suffix .png or .svg is the format.
         simulator: The simulator of the mission and robot.
         seed: The instance whose floor and starting poses are shown.
+        caption: Line below the picture.
 
     Raises:
         MissionError: if the robots do not fit.
@@ -62,7 +63,7 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int) -> None:
         figure = preview(simulator, seed=seed)
         if path.suffix.lower() == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all pixels: the viewer scales the picture
-        save_figure(path, figure)
+        save_figure(path, figure, caption)
 
 
 def preview(simulator: Simulator, *, seed: int) -> Figure:

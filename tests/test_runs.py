@@ -884,19 +884,19 @@ class TestAnalysis:
         code, out, _ = mdesign("runs", "ablation", raced, "-n", 5, "--plot", tmp_path / "a.svg")
         assert code == 0
         assert "0     the winner" in out
-        assert "<svg" in (tmp_path / "a.svg").read_text()
+        first = (tmp_path / "a.svg").read_bytes()
+        assert b"<svg" in first
         assert "against the step before  against the start  p" in out
         monkeypatch.setenv("COLUMNS", "80")
         monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-        narrow = mdesign("runs", "ablation", raced, "-n", 5)[1]
+        narrow = mdesign("runs", "ablation", raced, "-n", 5, "--plot", tmp_path / "a.svg")[1]
+        assert (tmp_path / "a.svg").read_bytes() == first
         assert "against the step before" not in narrow
         head = next(line for line in narrow.splitlines() if line.startswith("step "))
         assert head.endswith("  against the start  p")
         assert narrow.splitlines()[-1] == out.splitlines()[-1]
-        first = (tmp_path / "a.svg").read_bytes()
-        code, csv, _ = mdesign("runs", "ablation", raced, "-n", 5, "--csv", "-j", 1, "--plot", tmp_path / "a.svg")
+        code, csv, _ = mdesign("runs", "ablation", raced, "-n", 5, "--csv", "-j", 1)
         table = pd.read_csv(io.StringIO(csv))
-        assert (tmp_path / "a.svg").read_bytes() == first
         assert list(table.step) == list(range(len(table)))
         assert table.fsm.iloc[-1].startswith("--nstates 1 ")
         assert table.difference[1:].to_numpy() == pytest.approx((table["mean"] - table["mean"][0])[1:].to_numpy())

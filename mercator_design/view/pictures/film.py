@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 FORMATS = (".mp4", ".gif")
 
 _RATES = {".mp4": 25.0, ".gif": 12.5}  # frames a second
-_DPI = 120
+_DPI = 108
 _SIZE = 5.2  # of a scene [inches]
 _TRAIL = 80  # cycles
 _ARROW = ((0.75, 0.0), (-0.35, 0.42), (-0.12, 0.0), (-0.35, -0.42))  # shares of the body's radius

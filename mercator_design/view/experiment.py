@@ -106,13 +106,16 @@ class ShownExperiment:
             title: For people.
             states: Their names; by default those of their behaviours.
         """
+        mission = simulator.mission
+        title = title or f"{mission.name}, seed {seed}"
+        check_extent(title, mission.cycles, mission.robots, mission.control_period)
         outcome = simulator.run(pfsm, seed, record=True)
         recording = outcome.recording
         return cls(
-            title=title or f"{simulator.mission.name}, seed {seed}",
+            title=title,
             trace=outcome.trace,
             robot_model=recording.robot_model,
-            mission=simulator.mission,
+            mission=mission,
             pfsms=(pfsm,),
             pfsm_of=(0,) * outcome.trace.robots,
             named_states=(states,) if states else (),
@@ -132,6 +135,13 @@ class ShownExperiment:
         """The names of the states of a PFSM, by its place in `pfsms`."""
         names = self.named_states[pfsm] if self.named_states else state_names(self.pfsms[pfsm])
         return [f"{k} {name}" for k, name in enumerate(names)]
+
+    @property
+    def legend(self) -> list[str]:
+        """The names of the states by colour; the states of different PFSMs have only their numbers in common."""
+        if len(self.pfsms) == 1:
+            return self.state_names(0)
+        return [f"state {k}" for k in range(max((len(pfsm.states) for pfsm in self.pfsms), default=0))]
 
     @cached_property
     def score(self) -> float | None:

@@ -16,7 +16,7 @@ POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inli
 
 _SCRIPTS = ("inflate.js", "viewer.js")
 _PLAY = """const replays = JSON.parse(document.getElementById("replays").textContent);
-MercatorReplay.mount(document.getElementById("replay"), replays).then((player) => (window.player = player));
+MercatorReplay.mount(document.getElementById("replay"), replays, true).then((player) => (window.player = player));
 """
 
 

@@ -131,15 +131,13 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
         event = None
         for event in events:
             if isinstance(event, CycleDone):
+                if event.next_state >= (n := len(pfsm.states)):
+                    wrong = f"expected a state below {n}, found {event.next_state}"
+                    raise RobotError(f"{path}: cycle {event.cycle}: {wrong}")
                 fired = 0
                 if event.next_state != event.state:
                     fired = number_fired(controller, event.state, event.readings, event.draws)
                 pose = _odometry(event, cycles)
-                if event.next_state >= len(pfsm.states):
-                    n = len(pfsm.states)
-                    raise RobotError(
-                        f"{path}: cycle {event.cycle}: expected a state below {n}, found {event.next_state}"
-                    )
                 cycle = _Cycle(began + event.time, pose, event.next_state, fired, event.readings, event.neighbours)
                 cycles.append(cycle)
         if not isinstance(event, LogEnded):

@@ -3,11 +3,13 @@
 import fcntl
 import http.client
 import json
+import os
 import shutil
 import threading
 
 import pytest
 
+from mercator_design.cli.races.reporting import latest_report
 from mercator_design.errors import RaceError
 from mercator_design.race.running.journal import Journal
 from mercator_design.report.page import follow, page
@@ -146,3 +148,12 @@ class TestEnd:
 
     def test_it_writes_nothing(self, folder, mdesign):
         assert mdesign("report", folder, "--follow", "--proof-runs", 3)[0] == 2
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.write_bytes(b"\xff\xfe\x00")])
+def test_report_that_is_no_report(make, folder):
+    file = folder / "report.html"
+    file.unlink(missing_ok=True)
+    make(file)
+    os.utime(file, (2e9, 2e9))  # newer than the journal
+    assert latest_report(folder).startswith("<!doctype html>")

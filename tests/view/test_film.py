@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import mercator_design as md
 from mercator_design.errors import MercatorError
 from mercator_design.view.pictures.figures import house_style
 from mercator_design.view.pictures.film import Film, Stage, save_still
@@ -146,6 +147,15 @@ def test_plots_have_units_legends_and_the_command(shown):
     assert labels == {("x [m]", "y [m]"), ("time [s]", "robot"), ("time [s]", "distance [m]"), ("time [s]", "score")}
     assert sum(one.get_legend() is not None for one in axes) == 8  # presence has a bar of colours
     assert CAPTION in [text.get_text() for text in figure.texts]
+
+
+def test_legend_of_different_pfsms(shown):
+    other = md.parse_fsm("--nstates 1 --s0 1")
+    mixed = dataclasses.replace(shown, pfsms=(*shown.pfsms, other), pfsm_of=(0, 1, 0), named_states=())
+    with house_style():
+        stage = Stage([mixed], CAPTION)
+    (legend,) = stage.figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["state 0", "state 1"]
 
 
 def test_distances(shown):

@@ -139,3 +139,11 @@ def test_saving(shown, tmp_path):
     page = ReplayPage([shown])
     page.save(tmp_path / "replay.html")
     assert (tmp_path / "replay.html").read_text() == page.html
+
+
+def test_mission_that_is_too_long_to_be_shown_is_not_simulated(monkeypatch):
+    mission = md.load_mission("aggregation_20", ["duration=26000"])
+    simulator = Simulator(mission)
+    monkeypatch.setattr(Simulator, "run", lambda *_, **__: pytest.fail("it was simulated"))
+    with pytest.raises(md.MercatorError, match="5,000,000 cycles of all robots together, found 20 robots and 260000"):
+        ShownExperiment.simulated(simulator, md.parse_fsm("--nstates 1 --s0 1"), seed=1)

@@ -192,3 +192,14 @@ def test_space_on_a_button_presses_it_only(opened):
     pressed = 'new KeyboardEvent("keydown", { key: " ", bubbles: true })'
     opened.evaluate(f"player.toggles.trails.dispatchEvent({pressed})")
     assert not opened.evaluate("player.isPlaying")
+
+
+def test_keys_elsewhere_are_not_for_a_viewer_within_a_page(shown, tmp_path, page):
+    path = tmp_path / "page.html"
+    whole = ReplayPage([shown]).html
+    path.write_text(whole.replace("replays, true)", "replays)"))
+    assert path.read_text() != whole
+    page.open(path)
+    page.evaluate(READY)
+    page.evaluate(PRESS % '["ArrowRight"]')
+    assert page.evaluate("player.cycle") == 0

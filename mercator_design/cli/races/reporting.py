@@ -12,10 +12,10 @@ from mercator_design.errors import RaceError
 from mercator_design.race.running.executors import ThreadExecutor, available_jobs
 from mercator_design.race.running.task import Task
 from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.page import REPORT, report_page
+from mercator_design.report.page.page import MAX_SIZE, REPORT, report_page
 from mercator_design.report.progress import Display, Mode
 from mercator_design.runs.files import JOURNAL, restored
-from mercator_design.system.files import write_text, writing
+from mercator_design.system.files import Unreadable, read_small, write_text, writing
 
 PROOF_RUNS = click.option(
     "--proof-runs",
@@ -70,8 +70,8 @@ def latest_report(folder: Path) -> str:
     written = folder / REPORT
     try:
         if written.stat().st_mtime >= (folder / JOURNAL).stat().st_mtime:
-            return written.read_text(encoding="utf-8")
-    except OSError:
+            return read_small(written, MAX_SIZE).decode()
+    except (OSError, Unreadable, UnicodeDecodeError):  # then it is made anew
         pass
     return report_page(Facts.read(folder))
 

@@ -172,6 +172,8 @@ class _Scene:
         )
         self.clock = figure.text(left + 0.5 * width, 0.94, "", ha="center", va="top", size=8.0)
         self._floor = None
+        body = shown.robot_model.body
+        self._body, self._arrow = body.outline(), np.array(_ARROW) * body.corner
         mission = shown.mission
         if mission is not None:
             draw_arena(axes, mission)
@@ -202,10 +204,9 @@ class _Scene:
         poses = _poses_at(trace, cycle)
         states = trace.states[max(math.ceil(cycle) - 1, 0)] if cycle > 0.0 else np.zeros(trace.robots, dtype=np.int8)
         colours = colours_of(self._shown, states)
-        model = self._shown.robot_model
-        self._bodies.set_verts(list(placed(model.body.outline(), poses)))
+        self._bodies.set_verts(list(placed(self._body, poses)))
         self._bodies.set_facecolor(colours)
-        self._arrows.set_verts(list(placed(np.array(_ARROW) * model.body.corner, poses)))
+        self._arrows.set_verts(list(placed(self._arrow, poses)))
         first = max(math.ceil(cycle) - _TRAIL, 0)
         tracks = trace.poses[first : math.floor(cycle) + 1 : 2, :, :2]
         self._trails.set_segments(list(np.concatenate([tracks, poses[np.newaxis, :, :2]]).swapaxes(0, 1)))
@@ -270,14 +271,12 @@ def _draw_timeline(axes: Axes, shown: ShownExperiment) -> Line2D:
 
 def _draw_legend(figure: Figure, shown: ShownExperiment, middle: float) -> None:
     """The states, by colour."""
-    if len(shown.pfsms) != 1:
-        return
-    handles = [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.state_names(0))]
+    handles = [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.legend)]
     figure.legend(
         handles=handles,
         loc="lower center",
         bbox_to_anchor=(middle, 0.025),
-        ncols=len(handles),
+        ncols=max(1, len(handles)),
         frameon=False,
         fontsize=7.0,
         columnspacing=1.0,

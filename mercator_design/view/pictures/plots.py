@@ -96,7 +96,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
         Line2D([], [], marker="o", color="white", markeredgecolor="black", markersize=4.0, label="start"),
         Line2D([], [], marker="o", color="black", linewidth=0.0, markersize=4.0, label="end"),
     ]
-    handles += [Line2D([], [], color=state_colour(k), label=name) for k, name in enumerate(_state_names(shown))]
+    handles += [Line2D([], [], color=state_colour(k), label=name) for k, name in enumerate(shown.legend)]
     _legend(axes, handles)
 
 
@@ -142,7 +142,7 @@ def _states(axes: Axes, shown: ShownExperiment) -> None:
     )
     axes.set(xlabel="time [s]", ylabel="robot")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _legend(axes, [Patch(color=state_colour(k), label=name) for k, name in enumerate(_state_names(shown))])
+    _legend(axes, [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.legend)])
 
 
 def _distances(axes: Axes, shown: ShownExperiment) -> None:
@@ -210,13 +210,6 @@ def _draw_scene(axes: Axes, shown: ShownExperiment) -> None:
         draw_arena(axes, mission)
         draw_floor(axes, mission, shown.trace.floor)
         name_zones(axes, mission, shown.trace.floor, shown.trace.zone_rows)
-
-
-def _state_names(shown: ShownExperiment) -> list[str]:
-    """Names for a legend; the states of different PFSMs have only numbers in common."""
-    if len(shown.pfsms) == 1:
-        return shown.state_names(0)
-    return [f"state {k}" for k in range(max((len(pfsm.states) for pfsm in shown.pfsms), default=0))]
 
 
 def _legend(axes: Axes, handles: Sequence[Line2D | Patch] | None = None) -> None:

@@ -169,10 +169,9 @@ const MercatorReplay = (() => {
       }
     }
 
-    /** Bring `zones` to a cycle; whether they have changed. */
+    /** Bring `zones` to a cycle. */
     seek(cycle) {
       const { changes } = this.floor;
-      const before = this.done;
       if (this.done && changes[this.done - 1][0] > cycle) {
         this.zones = this.start.map((row) => [...row]);
         this.done = 0;
@@ -181,7 +180,6 @@ const MercatorReplay = (() => {
         const [, row, values] = changes[this.done++];
         this.zones[row] = values;
       }
-      return this.done !== before;
     }
 
     draw(context, reach) {
@@ -793,7 +791,7 @@ const MercatorReplay = (() => {
 
   /** The clock of all scenes on a page, and its controls. */
   class Player {
-    constructor(root, replays) {
+    constructor(root, replays, keyboard) {
       this.root = root;
       this.replays = replays;
       this.cycle = 0;
@@ -807,12 +805,7 @@ const MercatorReplay = (() => {
       root.classList.add("mr");
       root.classList.toggle("mr-several", replays.length > 1);
       root.replaceChildren(make("div", { class: "mr-scenes" }, ...this.scenes.map((scene) => scene.element)), this.controls());
-      // Keys count on the whole page, unless they are for another part of it.
-      document.addEventListener("keydown", (event) => {
-        if (root.isConnected && root.offsetParent !== null && (event.target === document.body || root.contains(event.target))) {
-          this.key(event);
-        }
-      });
+      keyboard.addEventListener("keydown", (event) => this.key(event));
       new ResizeObserver(() => this.redraw()).observe(root);
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
       this.redraw();
@@ -969,9 +962,10 @@ const MercatorReplay = (() => {
     }
   }
 
-  async function mount(element, sources) {
+  /** Show replays in an element; `isWholePage`: keys count wherever they are pressed, not only within the element. */
+  async function mount(element, sources, isWholePage = false) {
     const replays = await Promise.all(sources.map((source) => Replay.load(source)));
-    return new Player(element, replays);
+    return new Player(element, replays, isWholePage ? document : element);
   }
 
   return { mount, Replay };

@@ -110,7 +110,7 @@ def simplify(
             break
         path.append((candidates[out], out))
     variants = [without(pfsm, each) for each in (certain, *(each for _, each in path))]
-    tests = measure(variants, range(runs, 2 * runs), f"tests of {len(path)} steps") if path else [chosen_on]
+    tests = measure(variants, range(runs, 2 * runs), "the tests") if path else [chosen_on]
     return Simplification(
         pfsm=pfsm,
         certain=certain,

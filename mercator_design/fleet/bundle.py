@@ -1,6 +1,7 @@
 """mercator-robot as one file that only needs Python: a zip application."""
 
 import ast
+import functools
 import io
 import zipfile
 from collections.abc import Iterator
@@ -58,6 +59,7 @@ def is_bundle(path: Path) -> bool:
         return file.read(2) == b"#!" and zipfile.is_zipfile(file)
 
 
+@functools.cache
 def _modules() -> set[Path]:
     """The files of this package that the robot's command imports, at start or later."""
     found: set[Path] = set()

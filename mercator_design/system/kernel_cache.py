@@ -14,7 +14,6 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,6 +104,8 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
     if files is None:  # nothing is cached
         return _Forgiving(cache)
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
+    from importlib.metadata import version  # slow to import, and a robot compiles nothing
+
     if f"{function.__module__}".startswith(f"{__package__.partition('.')[0]}."):
         folder = str(Path(cache.cache_path).parent / f"{function.__module__}-numba-{version('numba')}")
         implementation.locator.get_cache_path = lambda: folder

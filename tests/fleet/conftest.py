@@ -12,6 +12,8 @@ import pytest
 from mercator_design.robot.protocols import joint_start
 from tests.fleet.fakes import FAKE, GO, PATIENT
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture
 def field(tmp_path, monkeypatch):
@@ -20,12 +22,12 @@ def field(tmp_path, monkeypatch):
     programs.mkdir()
     for name, text in {"ssh": FAKE, "scp": FAKE, "python3": PATIENT}.items():
         file = programs / name
-        file.write_text(text.format(python=sys.executable, root=tmp_path, log=tmp_path / "calls"))
+        file.write_text(text.format(python=sys.executable, root=tmp_path, log=tmp_path / "calls", source=ROOT))
         file.chmod(file.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(programs), prepend=":")
     monkeypatch.delenv("PYTHONPATH", raising=False)
-    monkeypatch.setattr(joint_start, "SILENCE", 60.0)
-    monkeypatch.setattr(joint_start, "_ANSWER_LIMIT", 2.0)
+    for name, seconds in {"SILENCE": 60.0, "_ANSWER_LIMIT": 2.0, "LEAD": 1.5, "PROBE": 0.02}.items():
+        monkeypatch.setattr(joint_start, name, seconds)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fsm.txt").write_text(GO)
     (tmp_path / "robots.yaml").write_text(

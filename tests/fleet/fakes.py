@@ -29,7 +29,8 @@ for source in sources:
 """
 PATIENT = """#!{python}
 import runpy, sys
-sys.path.insert(0, sys.argv[1])
+sys.path.insert(0, "{source}")
+from mercator_design.robot import cli
 from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.run import control, safety
 joint_start.SILENCE = control.STALL = safety.STALL = 60.0
@@ -39,8 +40,10 @@ if "check" in sys.argv:
 del sys.argv[0]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
-"""Python on a robot; whether this machine gets to a run in time is not what these tests are about, nor what a check
-finds, which looks less long."""
+"""Python on a robot, where the program was compiled before, as what is in a zip application never is.
+
+Whether this machine gets to a run in time is not what these tests are about, nor what a check finds, which looks less
+long."""
 LATE = "limits: {rvr: 5, proximity: 5, lidar: 5}\n"
 GO = "# mission: aggregation\n--nstates 1 --s0 2 --att0 3\n"
 

@@ -73,7 +73,7 @@ def kill(field, name, number=signal.SIGKILL):
 
 def test_they_begin_within_a_control_cycle_and_their_logs_can_be_put_side_by_side(deploy, robots, field, mdesign):
     for _ in range(ATTEMPTS):
-        code, out, err = deploy("fsm.txt", "--start", "--duration", "1")
+        code, out, err = deploy("fsm.txt", "--start", "--duration", "0.5")
         if "too busy?" not in err:  # refused, as it should be
             break
     assert code == 0, (out, err)
@@ -113,7 +113,7 @@ def test_they_start_without_a_device_that_the_pfsm_does_not_need(deploy, robots,
     assert not (field / "calls").exists()
     (field / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20\n")
     for _ in range(ATTEMPTS):
-        code, out, err = deploy("fsm.txt", "--start", "--duration", "1", "--without", "lidar")
+        code, out, err = deploy("fsm.txt", "--start", "--duration", "0.5", "--without", "lidar")
         if "too busy?" not in err:  # refused, as it should be
             break
     assert code == 0, (out, err)

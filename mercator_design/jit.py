@@ -243,8 +243,17 @@ def _plain(value: Any) -> Any:
 
 def _register(function: Callable[..., Any]) -> None:
     """Let compiled code call a marked function."""
-    from numba.extending import overload, register_jitable
+    from numba.extending import intrinsic, overload, register_jitable
 
+    if types_and_code := getattr(function, "intrinsic", None):
+        inner = intrinsic(types_and_code)
+
+        def run(*arguments: Any) -> Any:
+            return inner(*arguments)
+
+        _name(run, "intrinsic", (function,))
+        overload(function, jit_options=_INNER, strict=False)(lambda *arguments: run)
+        return
     links = getattr(function, "links", None)
     if links is None:
         register_jitable(**_INNER)(function)
@@ -298,19 +307,17 @@ def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
     Args:
         arguments: "pointer" (the value is an int64 address) or "double", in the order of the C function.
     """
-    from llvmlite import ir
-    from numba import types
-    from numba.core import cgutils
-    from numba.extending import intrinsic
 
-    byte = ir.PointerType(ir.IntType(8))
-    c_types = [byte if argument == "pointer" else ir.DoubleType() for argument in arguments]
-    c_function = ir.PointerType(ir.FunctionType(ir.VoidType(), c_types))
-
-    values_of: Callable[[Any, Any], list[Any]] = cgutils.unpack_tuple
-
-    @intrinsic
     def call(typing_context: Any, address: Any, values: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+        from numba.core import cgutils
+
+        byte = ir.PointerType(ir.IntType(8))
+        c_types = [byte if argument == "pointer" else ir.DoubleType() for argument in arguments]
+        c_function = ir.PointerType(ir.FunctionType(ir.VoidType(), c_types))
+        values_of: Callable[[Any, Any], list[Any]] = cgutils.unpack_tuple
+
         def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             passed = [
                 builder.inttoptr(value, byte) if c_type == byte else value
@@ -321,31 +328,41 @@ def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
 
         return types.void(types.int64, values), build
 
-    return cast("Callable[[int, tuple[float, ...]], None]", call)
+    return _intrinsic(call, "_".join(["call", *arguments]))
 
 
 @functools.cache
 def memory_access() -> tuple[Callable[[int], float], Callable[[int, float], None]]:
     """For compiled code only: `load(address)` and `store(address, value)` of a double in memory."""
-    from llvmlite import ir
-    from numba import types
-    from numba.extending import intrinsic
 
-    double_pointer = ir.PointerType(ir.DoubleType())
-
-    @intrinsic
     def load(typing_context: Any, address: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+
         def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            return builder.load(builder.inttoptr(given[0], double_pointer))
+            return builder.load(builder.inttoptr(given[0], ir.PointerType(ir.DoubleType())))
 
         return types.float64(types.int64), build
 
-    @intrinsic
     def store(typing_context: Any, address: Any, value: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+
         def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            builder.store(given[1], builder.inttoptr(given[0], double_pointer))
+            builder.store(given[1], builder.inttoptr(given[0], ir.PointerType(ir.DoubleType())))
             return context.get_dummy_value()
 
         return types.void(types.int64, types.float64), build
 
-    return cast("Callable[[int], float]", load), cast("Callable[[int, float], None]", store)
+    return _intrinsic(load, "load"), _intrinsic(store, "store")
+
+
+def _intrinsic(types_and_code: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """A function for compiled code only, of numba's `intrinsic`, which takes long to import: so that waits."""
+
+    def call(*arguments: Any) -> Any:
+        raise NotImplementedError(f"{name} is for compiled code only")
+
+    call.intrinsic = types_and_code  # type: ignore[attr-defined]
+    call.__qualname__ = call.__name__ = name
+    return jittable(call)

@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.parameter import Configuration, Parameter, Value
@@ -58,9 +58,11 @@ def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations
         is_low = np.less(means, 0)  # mirrored, because only lower tails are exact
         centres = np.where(is_low, np.subtract(1, means), means)
         uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
-        below = ndtr(-centres / deviations)
-        above = ndtr((1 - centres) / deviations)
-        values = np.where(above > below, centres + deviations * ndtri(below + uniforms * (above - below)), centres)
+        below = scipy.special.ndtr(-centres / deviations)
+        above = scipy.special.ndtr((1 - centres) / deviations)
+        values = np.where(
+            above > below, centres + deviations * scipy.special.ndtri(below + uniforms * (above - below)), centres
+        )
     values = np.where(is_low, 1 - values, values)
     return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
 

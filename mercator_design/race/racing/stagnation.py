@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc, stdtrit
+import scipy
 
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
@@ -34,7 +34,7 @@ def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
     n = len(gains)
     if n < 2:
         return False
-    return bool(gains.mean() > stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
+    return bool(gains.mean() > scipy.special.stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
 
 
 def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | None:
@@ -55,7 +55,7 @@ def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | Non
     if (np.ptp(table, axis=1) == 0).all():
         return math.nan, 1.0
     kendall = concordance(table).kendall
-    return kendall, float(chdtrc(k - 1, n * (k - 1) * kendall))
+    return kendall, float(scipy.special.chdtrc(k - 1, n * (k - 1) * kendall))
 
 
 def judged(

@@ -15,18 +15,16 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import takewhile
-from typing import Any, Generic, Protocol, Self, TypeVar
-
-import cloudpickle
-from joblib import cpu_count
-from joblib.externals.loky import ProcessPoolExecutor
-from joblib.externals.loky.process_executor import BrokenProcessPool
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from mercator_design.errors import RaceError, described
+
+if TYPE_CHECKING:
+    from joblib.externals.loky import ProcessPoolExecutor
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -94,6 +92,8 @@ class Executor(Protocol):
 
 def available_jobs() -> int:
     """Number of cores that this process may use."""
+    from joblib import cpu_count
+
     return int(cpu_count())
 
 
@@ -242,6 +242,8 @@ class ProcessExecutor:
         """Do nothing: all items that have begun are running."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
+        import cloudpickle
+
         packed = cloudpickle.dumps(function)
         todo = (None if item is None else _Job(index, item) for index, item in enumerate(items))
         retries: collections.deque[_Job[T]] = collections.deque()
@@ -262,7 +264,7 @@ class ProcessExecutor:
             for future in [*done, *late]:
                 place, job = running.pop(future)
                 result = self._timed_out(job) if future in late else _outcome(future, job)
-                if future in late or isinstance(future.exception(), BrokenProcessPool):
+                if future in late or isinstance(future.exception(), BrokenExecutor):
                     self._workers[place].shutdown(wait=True, kill_workers=True)
                     self._workers[place] = _worker()
                     self._new.add(place)
@@ -304,7 +306,7 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
     error = future.exception()  # not raised here: it may be a SystemExit
     if error is None:
         return future.result()
-    if isinstance(error, BrokenProcessPool):
+    if isinstance(error, BrokenExecutor):
         job.deaths += 1
         if job.deaths < MAX_DEATHS:
             return None
@@ -316,7 +318,9 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
     return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
-def _worker() -> ProcessPoolExecutor:
+def _worker() -> "ProcessPoolExecutor":
+    from joblib.externals.loky import ProcessPoolExecutor
+
     return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(),))
 
 

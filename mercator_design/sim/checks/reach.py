@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.arena import Arena
@@ -98,7 +98,7 @@ def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
         grid.inside[row] = arena.contains(points)
     # A cell is free if the disc's centre may be anywhere in it.
     free = grid.inside & ~_blocked(arena, grid, radius - _SLACK - cell * math.sqrt(0.5))
-    labels, _ = ndimage.label(free, _SIDES)
+    labels, _ = scipy.ndimage.label(free, _SIDES)
     starts = labels[_starts(mission.placement, grid) & free]
     grid.reached[:] = np.isin(labels, np.unique(starts)) & free
     return grid
@@ -140,4 +140,4 @@ def _starts(placement: Placement, grid: Reach) -> Flags:
     columns, rows = np.floor((points - grid.low) / grid.cell).astype(int).T
     there = (rows >= 0) & (rows < starts.shape[0]) & (columns >= 0) & (columns < starts.shape[1])
     starts[rows[there], columns[there]] = True
-    return np.asarray(ndimage.binary_dilation(starts, _SIDES), dtype=np.bool_)
+    return np.asarray(scipy.ndimage.binary_dilation(starts, _SIDES), dtype=np.bool_)

@@ -34,6 +34,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, compare, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
+    "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: a page and an HTTP API."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),
     "watch": LazyVerb("mercator_design.cli.races.watch", "Follow a race that another process runs."),

@@ -65,6 +65,10 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
     if value is _WRONG or (value is not None and not all(rule.allows(value) for rule in rules)):
         raise Fault(message(node, way, f"{_expected(kind, way)}, found {node.found}{_hint(node, base, way)}"))
     if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
+        if node.folder is None:
+            raise Fault(
+                message(node, way, f"expected no file, because this text may not name files, found {node.found}")
+            )
         value = str(node.folder.resolve() / value)
     return value
 

@@ -97,6 +97,7 @@ def parse(
     error: type[MercatorError],
     label: str = "text",
     folder: Path | None = None,
+    files: bool = True,
     overrides: Sequence[str] = (),
     defaults: Mapping[str, str] = types.MappingProxyType({}),
     find_base: FindBase | None = None,
@@ -104,10 +105,10 @@ def parse(
 ) -> T:
     """As `read`, of a text; `label` names it in errors, and relative paths in it start from `folder`.
 
-    Without `lines`, errors do not name the line.
+    Without `files`, the text may not name files. Without `lines`, errors do not name the line.
     """
     try:
-        tree, mistakes = compose_all(text, label, folder or Path.cwd(), lines=lines)
+        tree, mistakes = compose_all(text, label, (folder or Path.cwd()) if files else None, lines=lines)
         if find_base is not None:
             tree = _on_base(tree, find_base, [str(Path(label).resolve())])
         mistakes += clashes(overrides)
@@ -157,7 +158,7 @@ def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
     way = Way(None, "base")
     name = build(base, str, way)
     try:
-        path = find_base(name, tree.folder)
+        path = find_base(name, tree.folder or Path())
     except MercatorError as error:
         raise Fault(*(message(base, way, each) for each in error.messages)) from None
     file = str(path.resolve())

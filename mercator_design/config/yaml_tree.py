@@ -43,7 +43,7 @@ class Node:
 
     content: "str | list[Node] | dict[str, Node] | None"
     where: str
-    folder: Path
+    folder: Path | None
     plain: bool = True
     is_json: bool = False
 
@@ -126,7 +126,7 @@ def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
     return Node(content=content, where=where, folder=Path(), plain=not isinstance(data, str), is_json=True)
 
 
-def compose(text: str, label: str, folder: Path, *, lines: bool = True) -> Node:
+def compose(text: str, label: str, folder: Path | None, *, lines: bool = True) -> Node:
     """The tree of the one document in a text.
 
     Raises:
@@ -138,7 +138,7 @@ def compose(text: str, label: str, folder: Path, *, lines: bool = True) -> Node:
     return tree
 
 
-def compose_all(text: str, label: str, folder: Path, *, lines: bool = True) -> tuple[Node, list[str]]:
+def compose_all(text: str, label: str, folder: Path | None, *, lines: bool = True) -> tuple[Node, list[str]]:
     """As `compose`, with the mistakes after which reading continued.
 
     Raises:
@@ -154,7 +154,7 @@ def compose_all(text: str, label: str, folder: Path, *, lines: bool = True) -> t
 class _Composer:
     """Makes nodes from the parser's events; `mistakes` are those after which it continued."""
 
-    def __init__(self, text: str, label: str, folder: Path, *, lines: bool) -> None:
+    def __init__(self, text: str, label: str, folder: Path | None, *, lines: bool) -> None:
         self.label, self.folder, self.lines = label, folder, lines
         self.events: Iterator[_Event] = self._events(text)
         self.mistakes: list[str] = []
@@ -257,7 +257,7 @@ def override(tree: Node, assignment: str) -> None:
     Raises:
         Fault: if the option is not of that form, or its path leads nowhere.
     """
-    label, folder = f"--set {excerpt(assignment)}", Path.cwd()
+    label, folder = f"--set {excerpt(assignment)}", tree.folder and Path.cwd()
     path, equals, text = assignment.partition("=")
     way = steps(path.strip())
     if not equals or not way:

@@ -233,15 +233,31 @@ def load_mission(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Mis
 
 
 def parse_mission(
-    text: str, *, name: str = "mission", folder: Path | None = None, overrides: Sequence[str] = ()
+    text: str,
+    *,
+    name: str = "mission",
+    folder: Path | None = None,
+    files: bool = True,
+    overrides: Sequence[str] = (),
 ) -> Mission:
     """The mission of a YAML text; `name` is its label in errors and, if it has none, its name.
+
+    Relative paths in it start from `folder`, by default the working folder; without `files`, it may not name files.
 
     Raises:
         MissionError: naming line and key.
     """
     defaults = {"name": _name_of(Path(name))}
-    return parse(text, Mission, error=MissionError, label=name, folder=folder, overrides=overrides, defaults=defaults)
+    return parse(
+        text,
+        Mission,
+        error=MissionError,
+        label=name,
+        folder=folder,
+        files=files,
+        overrides=overrides,
+        defaults=defaults,
+    )
 
 
 def _name_of(path: Path) -> str:

@@ -79,7 +79,7 @@ def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool 
     body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
     links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
     head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
-    styles = [*([viewer_style()] if viewer else []), STYLE, _asset("page.css")]
+    styles = [*([viewer_style()] if viewer else []), STYLE, page_style()]
     scripts = [*([viewer_script()] if viewer else []), _asset("page.js"), *([_asset("follow.js")] if follows else [])]
     policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
     whole = f'<header class="top"><h1><bdi>{escaped(title)}</bdi></h1>{head}</header>\n<main>{body}</main>'
@@ -93,6 +93,11 @@ def _state(facts: Facts) -> str:
         f"Race by {facts.start['method']}, {facts.state}: {len(record.experiments)} of {record.budget} experiments, "
         f"{n} iteration{'s' * (n != 1)}, {len(record.configurations)} configurations"
     )
+
+
+def page_style() -> str:
+    """The style of the page."""
+    return _asset("page.css")
 
 
 def _asset(name: str) -> str:

@@ -1,0 +1,11 @@
+"""The design service: a lab submits missions, follows races and keeps designs. Nothing imports it.
+
+settings      limits and workers, from serve.yaml
+service       puts the parts together
+jobs/         jobs: their files, their index, who is next, the processes that run races
+accounts/     users, tokens, sessions, the guard in front of every request
+desk/         short work in helper processes: previews, evaluations, replays, reports
+http/         the HTTP API
+web/          the pages and their assets
+cli/          serve, users, and the client: submit, jobs, follow, fetch
+"""

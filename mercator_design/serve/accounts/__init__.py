@@ -1,0 +1,1 @@
+"""Who may do what: users with their tokens, sessions of the pages, and the guard in front of every request."""

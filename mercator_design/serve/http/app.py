@@ -1,0 +1,27 @@
+"""The application: all routes, behind the guard."""
+
+from fastapi import FastAPI
+
+from mercator_design import __version__
+from mercator_design.serve.http import events, files, jobs
+from mercator_design.serve.http.problems import report_problems
+from mercator_design.serve.service import Service
+from mercator_design.serve.web import assets
+from mercator_design.serve.web import jobs as job_pages
+
+
+def application(service: Service) -> FastAPI:
+    """The application of a running service."""
+    app = FastAPI(
+        title="mercator_design",
+        summary="Design control software for swarms of Mercator robots.",
+        version=__version__,
+        openapi_url="/api/v1/openapi.json",
+        docs_url=None,  # it would load scripts from elsewhere
+        redoc_url=None,
+    )
+    app.state.service = service
+    report_problems(app)
+    for room in (jobs, events, files, assets, job_pages):
+        app.include_router(room.router)
+    return app

@@ -1,0 +1,52 @@
+"""What the routes need of a request: the service, the user, the job that the user may see."""
+
+from typing import Annotated
+
+from fastapi import Depends, Path, Request
+
+from mercator_design.serve.accounts.users import User
+from mercator_design.serve.http.problems import Missing, NotAllowed
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.service import Service
+
+
+def _service(request: Request) -> Service:
+    return request.app.state.service  # type: ignore[no-any-return]
+
+
+def _user(request: Request) -> User:
+    """The user, whom the guard has found; a request without one does not come here."""
+    return request.state.user  # type: ignore[no-any-return]
+
+
+TheService = Annotated[Service, Depends(_service)]
+TheUser = Annotated[User, Depends(_user)]
+
+
+def may_see(user: User, row: Row) -> bool:
+    """Whether a user may see a job: own, shared, of no user, or as an administrator."""
+    return user.is_admin or row.owner in ("", user.name) or row.shared
+
+
+def may_change(user: User, row: Row) -> bool:
+    """Whether a user may change a job."""
+    return row.is_job and (user.is_admin or row.owner == user.name)
+
+
+def _visible(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Row:
+    row = service.index.get(identity)
+    if row is None or not may_see(user, row):
+        raise Missing(f"there is no job {identity}")
+    return row
+
+
+VisibleJob = Annotated[Row, Depends(_visible)]
+
+
+def _own(user: TheUser, row: VisibleJob) -> Row:
+    if not may_change(user, row):
+        raise NotAllowed(f"{row.id} is not yours: only its owner and administrators may change it")
+    return row
+
+
+OwnJob = Annotated[Row, Depends(_own)]

@@ -1,0 +1,102 @@
+"""Routes on jobs."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query, Response
+
+from mercator_design.serve.desk.missions import checked_request
+from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob
+from mercator_design.serve.http.problems import RESPONSES
+from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Submitted
+from mercator_design.serve.jobs.index import ORDERS
+from mercator_design.serve.jobs.job import Request, State
+from mercator_design.serve.jobs.operations import NotPossible
+
+router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
+
+Key = Annotated[str, Header(alias="Idempotency-Key", max_length=200, pattern=r"^[\x21-\x7e]*$")]
+Order = Literal["submitted", "name", "owner", "state", "budget", "experiments", "best", "priority"]
+assert set(ORDERS) == set(Order.__args__)  # type: ignore[attr-defined]  # noqa: S101
+
+
+@router.post("/jobs", status_code=201)
+def submit(service: TheService, user: TheUser, body: JobRequest, response: Response, key: Key = "") -> Submitted:
+    """Submit a design job. With the same Idempotency-Key, the same job is returned, and none is added."""
+    if (body.mission_text is None) == (body.mission == ""):
+        raise NotPossible("expected either mission or mission_text")
+    text = body.mission_text
+    request = Request(
+        mission=body.mission, set=tuple(body.set), budget=body.budget, method=body.method, flavour=body.flavour,
+        seed=body.seed, test_runs=body.test_runs, priority=body.priority,
+    )  # fmt: skip
+    if key and (row := service.index.submitted(user.name, key)) is not None:
+        response.status_code = 200
+        return Submitted(job=Job.of(service.jobs.same(row, request, text)), warnings=[])
+    service.jobs.check_disk(user.name)
+    checked = service.desk.run(checked_request, request, text, service.settings.limits)
+    row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
+    return Submitted(job=Job.of(row), warnings=list(checked.warnings))
+
+
+@router.get("/jobs")
+def find(
+    service: TheService,
+    user: TheUser,
+    state: Annotated[list[State] | None, Query()] = None,
+    owner: Annotated[str, Query(max_length=100)] = "",
+    text: Annotated[str, Query(max_length=200, description="In the id or the name of the mission.")] = "",
+    shared: bool = False,
+    order: Order = "submitted",
+    descending: bool = True,
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+    offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
+) -> JobPage:
+    """List jobs that you may see."""
+    rows, total = service.index.find(
+        None if user.is_admin else user.name,
+        states=state or (), owner=owner, text=text, shared=shared, order=order, descending=descending,
+        limit=limit, offset=offset,
+    )  # fmt: skip
+    return JobPage(jobs=[Job.of(row) for row in rows], total=total)
+
+
+@router.get("/jobs/{id}")
+def show(row: VisibleJob) -> Job:
+    """Show a job."""
+    return Job.of(row)
+
+
+@router.patch("/jobs/{id}")
+def change(service: TheService, row: OwnJob, body: JobChange) -> Job:
+    """Extend the budget of a job, change its priority, share it."""
+    if body.priority is not None:
+        row = service.jobs.set_priority(row.id, body.priority)
+    if body.shared is not None:
+        row = service.jobs.share(row.id, shared=body.shared)
+    if body.budget is not None:
+        row = service.jobs.extend(row.id, body.budget)
+    return Job.of(row)
+
+
+@router.post("/jobs/{id}/pause")
+def pause(service: TheService, row: OwnJob) -> Job:
+    """Stop a job until it is resumed; running experiments finish."""
+    return Job.of(service.jobs.pause(row.id))
+
+
+@router.post("/jobs/{id}/resume")
+def resume(service: TheService, row: OwnJob) -> Job:
+    """Let a job go on that was paused or has failed."""
+    return Job.of(service.jobs.resume(row.id))
+
+
+@router.post("/jobs/{id}/cancel")
+def cancel(service: TheService, row: OwnJob) -> Job:
+    """Stop a job for good; its results so far stay."""
+    return Job.of(service.jobs.cancel(row.id))
+
+
+@router.delete("/jobs/{id}", status_code=204)
+def delete(service: TheService, row: OwnJob) -> None:
+    """Delete a job that does not run, with all its files."""
+    service.jobs.delete(row.id)

@@ -1,0 +1,191 @@
+"""The index of jobs: what lists show, in SQLite. Missing or damaged, it is made again from the data folder."""
+
+import contextlib
+import sqlite3
+import threading
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from mercator_design.serve.jobs.job import State
+
+_VERSION = 1
+"""Of the table; an index of another version is made again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What lists show of a job, or of a run folder that is of no job."""
+
+    id: str
+    owner: str  # empty for a run folder that is of no job
+    name: str  # of the mission
+    state: State
+    message: str = ""  # why it failed, or what it waits for
+    method: str = ""
+    flavour: str = ""
+    seed: int = 0
+    budget: int = 0
+    priority: int = 0
+    experiments: int = 0  # done
+    best: float | None = None  # mean score of the winner, or of the best so far
+    tested: float | None = None  # mean score of the winner on fresh instances
+    direction: str = "maximise"
+    submitted: str = ""  # time
+    ended: str = ""  # time
+    seconds: float = 0.0  # of its races
+    shared: bool = False
+    key: str = ""  # of the submission
+
+    @property
+    def is_job(self) -> bool:
+        """Whether the service runs it; else its run folder was in the data folder."""
+        return self.owner != ""
+
+
+_COLUMNS = tuple(field.name for field in fields(Row))
+ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best", "priority")
+
+
+class Index:
+    """The rows of all jobs; safe for several threads.
+
+    Args:
+        file: The SQLite file.
+
+    Raises:
+        sqlite3.Error: It cannot be opened or made.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._lock = threading.RLock()
+        try:
+            self._open(file)
+        except sqlite3.DatabaseError:
+            for one in file.parent.glob(f"{file.name}*"):
+                one.unlink()
+            self._open(file)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._db.close()
+
+    def _open(self, file: Path) -> None:
+        self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
+        self._db.row_factory = sqlite3.Row
+        with contextlib.closing(self._db.execute("PRAGMA journal_mode=WAL")):
+            pass
+        self._db.execute("PRAGMA synchronous=NORMAL")
+        if self._db.execute("PRAGMA user_version").fetchone()[0] != _VERSION:
+            self._db.execute("DROP TABLE IF EXISTS jobs")
+            self._db.execute(f"CREATE TABLE jobs ({', '.join(_COLUMNS)}, PRIMARY KEY (id))")
+            self._db.execute("CREATE INDEX by_time ON jobs (submitted)")
+            self._db.execute("CREATE INDEX by_owner ON jobs (owner, state)")
+            self._db.execute("CREATE INDEX by_key ON jobs (owner, key)")
+            self._db.execute(f"PRAGMA user_version={_VERSION}")
+        self._db.execute("SELECT id FROM jobs LIMIT 1").fetchone()
+
+    def put(self, *rows: Row) -> None:
+        """Add or replace rows."""
+        marks = ", ".join("?" * len(_COLUMNS))
+        with self._lock, self._db:
+            self._db.execute("BEGIN")
+            self._db.executemany(f"INSERT OR REPLACE INTO jobs VALUES ({marks})", [astuple(row) for row in rows])  # noqa: S608
+
+    def remove(self, *ids: str) -> None:
+        """Remove rows."""
+        with self._lock:
+            self._db.executemany("DELETE FROM jobs WHERE id = ?", [(one,) for one in ids])
+
+    def get(self, identity: str) -> Row | None:
+        """A row."""
+        found = self._rows("WHERE id = ?", [identity])
+        return found[0] if found else None
+
+    def change(self, identity: str, **changes: Any) -> Row:  # noqa: ANN401 - the fields of Row
+        """Change fields of a row that is there.
+
+        Raises:
+            KeyError: It is not.
+        """
+        with self._lock:
+            before = self.get(identity)
+            if before is None:
+                raise KeyError(identity)
+            row = replace(before, **changes)
+            if row != before:
+                self.put(row)
+            return row
+
+    def all(self) -> list[Row]:
+        """All rows."""
+        return self._rows("", [])
+
+    def submitted(self, owner: str, key: str) -> Row | None:
+        """The job that a user has submitted with a key."""
+        found = self._rows("WHERE owner = ? AND key = ?", [owner, key])
+        return found[0] if found else None
+
+    def find(
+        self,
+        viewer: str | None,
+        *,
+        states: Sequence[State] = (),
+        owner: str = "",
+        text: str = "",
+        shared: bool = False,
+        order: str = "submitted",
+        descending: bool = True,
+        limit: int = 50,
+        offset: int = 0,
+    ) -> tuple[list[Row], int]:
+        """A page of the rows that a user may see, and the number of all of them.
+
+        Args:
+            viewer: Who sees own rows, shared ones, and run folders of no job; None: an administrator, who sees all.
+            states: Only of these; by default of all.
+            owner: Only of this user.
+            text: Only with this text in the id or the name.
+            shared: Only shared ones.
+            order: One of ORDERS.
+            descending: Whether the last comes first.
+            limit: Maximum number of rows.
+            offset: Rows before the page.
+        """
+        conditions, values = [], list[object]()
+        if viewer is not None:
+            conditions.append("(owner = ? OR shared OR owner = '')")
+            values.append(viewer)
+        if states:
+            conditions.append(f"state IN ({', '.join('?' * len(states))})")
+            values += states
+        if owner:
+            conditions.append("owner = ?")
+            values.append(owner)
+        if text:
+            conditions.append("(instr(lower(name), lower(?)) OR instr(lower(id), lower(?)))")
+            values += [text, text]
+        if shared:
+            conditions.append("shared")
+        where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
+        if order not in ORDERS:
+            raise ValueError(order)
+        way = "DESC" if descending else "ASC"
+        with self._lock:
+            total = self._db.execute(f"SELECT count(*) FROM jobs {where}", values).fetchone()[0]  # noqa: S608
+            tail = f"{where} ORDER BY {order} {way}, submitted {way}, id {way} LIMIT ? OFFSET ?"
+            return self._rows(tail, [*values, limit, offset]), total
+
+    def counts(self, owner: str | None = None) -> dict[State, int]:
+        """The number of jobs in each state, of a user or of all."""
+        where, values = ("WHERE owner = ?", [owner]) if owner is not None else ("WHERE owner != ''", [])
+        with self._lock:
+            found = self._db.execute(f"SELECT state, count(*) FROM jobs {where} GROUP BY state", values)  # noqa: S608
+            return dict(found.fetchall())
+
+    def _rows(self, tail: str, values: Sequence[object]) -> list[Row]:
+        with self._lock:
+            found = self._db.execute(f"SELECT * FROM jobs {tail}", values).fetchall()  # noqa: S608 - only our own text
+        return [Row(**{name: one[name] for name in _COLUMNS} | {"shared": bool(one["shared"])}) for one in found]

@@ -1,0 +1,67 @@
+"""A job: what its user has asked for, and its state.
+
+The run folder has the race itself. The file of a job has the rest: request, owner, wish, failure.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, TypeAlias
+
+from mercator_design.config.schema import Length, Name, OneOf, Range
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.race.methods.table import METHODS
+
+State: TypeAlias = Literal["queued", "running", "paused", "succeeded", "failed", "cancelled"]
+STATES: tuple[State, ...] = ("queued", "running", "paused", "succeeded", "failed", "cancelled")
+ENDED: frozenset[State] = frozenset({"succeeded", "failed", "cancelled"})
+"""States in which nothing happens unless a user asks for it."""
+Wish: TypeAlias = Literal["run", "pause", "cancel"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a job is to do, in the terms of `mdesign race`."""
+
+    mission: str  # name of a shipped mission; empty: the text beside the job's file
+    set: tuple[str, ...] = ()
+    budget: Annotated[int, Range(1, 10**9)]
+    method: Annotated[str, OneOf(tuple(METHODS))] = "surrogate"
+    flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"
+    seed: Annotated[int, Range(0, 2**63 - 1)] = 1
+    test_runs: Annotated[int, Range(0, 10**6)] = 0
+    priority: Annotated[int, Range(-100, 100)] = 0  # among the jobs of its user; a higher one runs first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """The contents of a job's file."""
+
+    format: Literal[1] = 1
+    id: Annotated[str, Length(1, 120)]
+    owner: str
+    name: Name  # of the mission
+    direction: str  # of the score: maximise or minimise
+    request: Request
+    submitted: str  # time
+    key: str = ""  # of the submission: submitting again with the same key gives the same job
+    wish: Wish = "run"
+    failure: str = ""  # why it failed
+    seconds: float = 0.0  # its races have run so far [s]
+    ended: str = ""  # time at which it succeeded, failed or was cancelled
+    shared: bool = False  # whether all users may see it
+
+
+def state_of(job: Job, *, is_finished: bool, is_running: bool) -> State:
+    """The state of a job.
+
+    Args:
+        job: The job.
+        is_finished: Whether its race has a winner under the requested budget.
+        is_running: Whether a process runs its race.
+    """
+    if is_running:
+        return "running"
+    if is_finished:
+        return "succeeded"
+    if job.failure:
+        return "failed"
+    return {"run": "queued", "pause": "paused", "cancel": "cancelled"}[job.wish]  # type: ignore[return-value]

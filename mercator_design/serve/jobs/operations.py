@@ -1,0 +1,164 @@
+"""What users do with jobs: submit, pause, resume, cancel, extend, share, delete."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+from mercator_design.errors import MercatorError
+from mercator_design.race.running.journal import now
+from mercator_design.serve.jobs.index import Index, Row
+from mercator_design.serve.jobs.job import STATES, Request, State
+from mercator_design.serve.jobs.store import Store, size_of
+from mercator_design.serve.jobs.supervisor import Supervisor
+from mercator_design.serve.settings import Limits
+
+_OPEN: tuple[State, ...] = ("queued", "running", "paused")
+_MB = 1_000_000
+
+
+class NotPossible(MercatorError):  # noqa: N818 - the user's request is at odds with the state of the job
+    """A job is not in a state in which this can be done."""
+
+
+class LimitReached(MercatorError):  # noqa: N818 - nothing is wrong with the request
+    """A limit of the service does not allow it."""
+
+
+class Operations:
+    """The operations on jobs.
+
+    Args:
+        store: The jobs.
+        index: Their rows.
+        supervisor: Runs them.
+        limits: Of the service.
+    """
+
+    def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: Limits) -> None:
+        self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
+
+    def submit(self, owner: str, name: str, direction: str, request: Request, text: str | None, key: str = "") -> Row:
+        """A new job, whose mission has been checked; or the job that was submitted with the same key.
+
+        Raises:
+            NotPossible: The key was used for another request.
+            LimitReached: see `Limits`.
+            OSError: It cannot be written.
+        """
+        with self._supervisor.locked:
+            if key and (row := self._index.submitted(owner, key)) is not None:
+                return self.same(row, request, text)
+            self._check_budget(request.budget)
+            counts = self._index.counts(owner)
+            if (n := sum(counts.get(state, 0) for state in _OPEN)) >= self._limits.jobs:
+                raise LimitReached(
+                    f"expected at most {self._limits.jobs} jobs of {owner} that have not ended, found {n}"
+                )
+            job = self._store.create(owner, name, direction, request, text, key=key)
+            row = self._supervisor.refresh(job.id)
+        assert row is not None  # noqa: S101 - its file was just written
+        self._supervisor.wake()
+        return row
+
+    def same(self, row: Row, request: Request, text: str | None) -> Row:
+        """The job that was submitted with a key that comes again.
+
+        Raises:
+            NotPossible: It was for another request.
+        """
+        if self._store.read(row.id).request != request or self._store.text(row.id) != text:
+            raise NotPossible(f"the key {row.key} was used for another job: {row.id}")
+        return row
+
+    def check_disk(self, owner: str) -> None:
+        """Check that a user's jobs leave space for one more.
+
+        Raises:
+            LimitReached: They do not.
+        """
+        rows, _ = self._index.find(None, owner=owner, limit=-1)
+        used = sum(size_of(self._store.run_folder(row.id)) for row in rows)
+        if used > self._limits.disk * _MB:
+            found = f"found {used / _MB:.0f} MB; delete some"
+            raise LimitReached(f"expected the jobs of {owner} to have at most {self._limits.disk} MB, {found}")
+
+    def pause(self, identity: str) -> Row:
+        """Stop a job until it is resumed.
+
+        Raises:
+            NotPossible: It has ended.
+        """
+        return self._change(identity, "pause", _OPEN, wish="pause")
+
+    def resume(self, identity: str) -> Row:
+        """Let a job go on that was paused or has failed.
+
+        Raises:
+            NotPossible: It has ended otherwise.
+        """
+        return self._change(identity, "resume", (*_OPEN, "failed"), wish="run", failure="", ended="")
+
+    def cancel(self, identity: str) -> Row:
+        """Stop a job for good; its results so far stay.
+
+        Raises:
+            NotPossible: It has ended otherwise.
+        """
+        return self._change(identity, "cancel", (*_OPEN, "cancelled"), wish="cancel", ended=now())
+
+    def extend(self, identity: str, budget: int) -> Row:
+        """Let a job go on with a larger budget.
+
+        Raises:
+            NotPossible: It was cancelled, or the budget is not larger.
+            LimitReached: see `Limits`.
+        """
+        self._check_budget(budget)
+        with self._supervisor.locked:
+            request = self._store.read(identity).request
+            if budget <= request.budget:
+                raise NotPossible(f"{identity}: expected a budget above {request.budget}, found {budget}")
+            request, states = replace(request, budget=budget), (*_OPEN, "succeeded", "failed")
+            return self._change(identity, "extend", states, request=request, wish="run", failure="", ended="")
+
+    def share(self, identity: str, *, shared: bool) -> Row:
+        """Show a job to all users, or to its owner alone."""
+        return self._change(identity, "share", STATES, shared=shared)
+
+    def set_priority(self, identity: str, priority: int) -> Row:
+        """Change the priority of a job among those of its user."""
+        with self._supervisor.locked:
+            request = replace(self._store.read(identity).request, priority=priority)
+            return self._change(identity, "change", STATES, request=request)
+
+    def delete(self, identity: str) -> None:
+        """Delete a job that does not run, with its run folder.
+
+        Raises:
+            NotPossible: It runs.
+            OSError: It cannot be deleted.
+        """
+        with self._supervisor.locked:
+            self._expect(identity, "delete", ("queued", "paused", "succeeded", "failed", "cancelled"))
+            self._store.delete(identity)
+            self._index.remove(identity)
+
+    def _change(self, identity: str, what: str, states: Collection[State], **changes: Any) -> Row:  # noqa: ANN401
+        with self._supervisor.locked:
+            row = self._expect(identity, what, states)
+            self._store.update(identity, **changes)
+            changed = self._supervisor.refresh(identity)
+        self._supervisor.wake()
+        return changed or row
+
+    def _check_budget(self, budget: int) -> None:
+        if budget > self._limits.budget:
+            raise LimitReached(f"budget: expected at most {self._limits.budget}, found {budget}")
+
+    def _expect(self, identity: str, what: str, states: Collection[State]) -> Row:
+        row = self._index.get(identity)
+        if row is None or not row.is_job:
+            raise NotPossible(f"{identity}: cannot {what} it: it is not a job of this service")
+        if row.state not in states:
+            raise NotPossible(f"{identity}: cannot {what} a job that is {row.state}")
+        return row

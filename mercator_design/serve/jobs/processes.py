@@ -1,0 +1,99 @@
+"""The processes that run the races of jobs: `mdesign race` in a run folder each."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import IO, Protocol
+
+from mercator_design.errors import printable
+from mercator_design.runs.provenance import PROVENANCE
+from mercator_design.serve.jobs.job import Job
+from mercator_design.serve.jobs.store import MISSION, OUTPUT, Store
+from mercator_design.serve.settings import Settings
+
+_MAX_OUTPUT = 4096  # bytes at the end of the messages in which errors are looked for
+_ERROR = "Error: "
+
+
+class RaceProcess(Protocol):
+    """A process that runs the race of a job."""
+
+    def poll(self) -> int | None:
+        """Its exit code, or None while it runs; negative: the signal that killed it."""
+
+    def interrupt(self) -> None:
+        """Ask it to stop when its running experiments have finished."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+class Launcher:
+    """Starts the processes of races.
+
+    Args:
+        store: The jobs.
+        settings: Of the service.
+        cores: Experiments of a race that run at the same time.
+    """
+
+    def __init__(self, store: Store, settings: Settings, cores: int) -> None:
+        self._store, self._settings, self._cores = store, settings, cores
+
+    def command(self, job: Job) -> list[str]:
+        """The arguments of `mdesign` that begin or resume the race of a job."""
+        request, run, own = job.request, self._store.run_folder(job.id), self._store.folder(job.id)
+        if (run / PROVENANCE).exists():
+            what = ["--resume", str(run)]
+        else:
+            what = [request.mission or str(own / MISSION), "-o", str(run), "--seed", str(request.seed)]
+            what += ["--flavour", request.flavour, "--method", request.method]
+            what += [f"--set={one}" for one in request.set]
+        command = ["race", *what, "--budget", str(request.budget), "--jobs", str(self._cores), "--quiet"]
+        if request.test_runs:
+            command += ["--test-runs", str(request.test_runs)]
+        if self._settings.scheduler:
+            command += ["--executor", "dask", "--scheduler", self._settings.scheduler]
+        return [*command, *(f"--plugin={file}" for file in self._settings.plugins)]
+
+    def __call__(self, job: Job) -> RaceProcess:
+        """Start the process of a job.
+
+        Raises:
+            OSError: It cannot be started.
+        """
+        with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
+            return _Process([sys.executable, "-m", "mercator_design.serve.jobs.worker", *self.command(job)], output)
+
+
+class _Process:
+    """A process that stops when this one ends, because the pipe to it is closed."""
+
+    def __init__(self, command: list[str], output: IO[bytes]) -> None:
+        self._process = subprocess.Popen(  # noqa: S603 - our own command
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output, start_new_session=True
+        )
+
+    def poll(self) -> int | None:
+        code = self._process.poll()
+        if code is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+        return code
+
+    def interrupt(self) -> None:
+        self._process.terminate()
+
+    def kill(self) -> None:
+        self._process.kill()
+
+
+def last_error(output: Path) -> str:
+    """The errors among the last messages of a process, or its last line; empty if there are none."""
+    try:
+        with output.open("rb") as file:
+            file.seek(max(0, output.stat().st_size - _MAX_OUTPUT))
+            lines = file.read().decode(errors="replace").splitlines()
+    except OSError:
+        return ""
+    errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)] or lines[-1:]
+    return printable("; ".join(errors))

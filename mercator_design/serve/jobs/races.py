@@ -1,0 +1,120 @@
+"""What a run folder says of its race: its facts for lists, and its events for those who follow it."""
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
+
+from mercator_design.config.checked_lines import from_line
+from mercator_design.errors import MercatorError
+from mercator_design.race.running.journal import Reading
+from mercator_design.race.running.record import Record
+from mercator_design.runs.files import JOURNAL, TASKS, read_provenance
+
+_CHUNK = 256 * 1024  # bytes that are read at a time
+
+
+@dataclass(slots=True)
+class RaceStatus:
+    """The facts of a race that may be running; `read_on` reads what is new."""
+
+    folder: Path
+    _reading: Reading = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._reading = Reading(self.folder / JOURNAL)
+
+    def read_on(self) -> Record:
+        """The record so far; an empty one if no race has begun.
+
+        Raises:
+            RaceError: The journal is damaged.
+        """
+        if self._reading.path.exists():
+            self._reading.read_on()
+        return self._reading.record
+
+    @property
+    def record(self) -> Record:
+        """The record as of the last reading."""
+        return self._reading.record
+
+    @property
+    def best(self) -> float | None:
+        """The mean score of the winner, or of the best after the last iteration."""
+        record = self.record
+        if record.ends and record.is_complete:
+            scores = record.scores_of(record.ends[-1].winner)
+        elif record.iterations:
+            scores = record.scores_of(record.ended[-1].elites[0])
+        else:
+            return None
+        return fmean(scores.values()) if scores else None
+
+    @property
+    def tested(self) -> float | None:
+        """The mean score of the winner on fresh instances."""
+        scores = self.record.test_scores().get(self.record.ends[-1].winner) if self.record.ends else None
+        return fmean(scores) if scores else None
+
+    def is_finished(self, budget: int) -> bool:
+        """Whether the race has ended under a budget, and its winner is written."""
+        if not (self.record.ends and self.record.is_complete and self.record.budget >= budget):
+            return False
+        try:
+            provenance = read_provenance(self.folder)
+        except MercatorError:
+            return False
+        winner = TASKS[str(self.record.start["task"])].WINNER
+        return provenance.budget == self.record.budget and (self.folder / winner).exists()
+
+
+@dataclass(frozen=True, slots=True)
+class JournalEvent:
+    """An event of a journal.
+
+    place: The number of bytes of the journal until its end: whoever has read it goes on there.
+    kind: Its word, such as "experiment".
+    data: The event as JSON, as `mdesign race --json-lines` prints it.
+    """
+
+    place: int
+    kind: str
+    data: str
+
+
+def events_from(journal: Path, place: int) -> list[JournalEvent]:
+    """Events of a journal from a place on, at most those of _CHUNK bytes; none if there are no more yet.
+
+    Raises:
+        ValueError: The place is not that of an event, or the journal is damaged.
+    """
+    try:
+        with journal.open("rb") as file:
+            if place:
+                file.seek(place - 1)
+                if file.read(1) != b"\n":
+                    raise ValueError(f"expected the place of an event, found {place}")
+            data = file.read(_CHUNK)
+            while data and b"\n" not in data and (more := file.read(_CHUNK)):
+                data += more
+    except FileNotFoundError:
+        if place:
+            raise ValueError(f"expected the place of an event, found {place}") from None
+        return []
+    found = []
+    for line in data[: data.rfind(b"\n") + 1].splitlines(keepends=True):
+        event = from_line(line)
+        event.pop("after", None)
+        place += len(line)
+        found.append(JournalEvent(place, str(event.get("event")), json.dumps(event, separators=(",", ":"))))
+    return found
+
+
+def length_of(journal: Path) -> int:
+    """The number of bytes of a journal; 0 if there is none."""
+    try:
+        return os.stat(journal).st_size  # noqa: PTH116 - hot: asked several times a second for each who follows
+    except FileNotFoundError:
+        return 0

@@ -1,0 +1,59 @@
+"""The settings of the service: limits of jobs and requests, from serve.yaml in its data folder."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from mercator_design.config.loading import read
+from mercator_design.config.schema import Range
+from mercator_design.errors import MercatorError
+
+FILE = "serve.yaml"
+_Count = Annotated[int, Range(1)]
+_Megabytes = Annotated[int, Range(0)]
+
+
+class ServiceError(MercatorError):
+    """The service cannot be run, or its settings are not valid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a user may ask for."""
+
+    budget: _Count = 100_000  # experiments of a job
+    robots: _Count = 100  # of a mission
+    duration: Annotated[float, Range(0.0, exclusive_low=True)] = 3600.0  # [s] of an experiment
+    hours: Annotated[float, Range(0.0, exclusive_low=True)] = 48.0  # a job may run
+    jobs: _Count = 1000  # of a user that have not ended
+    running: _Count = 100  # of a user at the same time
+    runs: _Count = 1000  # experiments of an evaluation
+    disk: _Megabytes = 20_000  # of a user's jobs [MB]
+    free_disk: _Megabytes = 200  # below it, races pause [MB]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """The contents of serve.yaml."""
+
+    schema: Literal[1] = 1  # version of this format
+    races: _Count = 1  # that run at the same time
+    jobs: Annotated[int, Range(0)] = (
+        0  # experiments of a race at the same time; 0: the cores of this machine by `races`
+    )
+    helpers: Annotated[int, Range(1, 64)] = 2  # processes for short work: previews, evaluations, replays
+    helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
+    scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
+    plugins: tuple[str, ...] = ()  # Python files with objectives and dynamics; they run as the service's user
+    hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
+    limits: Limits = field(default_factory=Limits)
+
+
+def load_settings(folder: Path) -> Settings:
+    """The settings in the file of a folder; without a file, the defaults.
+
+    Raises:
+        ServiceError: with file, line and key.
+    """
+    file = folder / FILE
+    return read(file, Settings, error=ServiceError) if file.exists() else Settings()

@@ -1,0 +1,59 @@
+"""The files that pages load: scripts and styles, each at /assets/NAME?v=DIGEST, so that browsers keep them."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+
+from fastapi import APIRouter, Response
+
+from mercator_design.report.page.page import page_style
+from mercator_design.serve.http.problems import Missing
+from mercator_design.view.charts import STYLE
+from mercator_design.view.page import viewer_script, viewer_style
+
+router = APIRouter(include_in_schema=False)
+
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_FOREVER = {"Cache-Control": "public, max-age=31536000, immutable", "X-Content-Type-Options": "nosniff"}
+_MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
+    "viewer.js": viewer_script,
+    "viewer.css": viewer_style,
+    "charts.css": lambda: STYLE,
+    "report.css": page_style,
+})  # fmt: skip
+"""Assets of other rooms."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """A file that pages load."""
+
+    data: bytes
+    kind: str
+    address: str
+
+
+@cache
+def assets() -> MappingProxyType[str, Asset]:
+    """All assets by their names."""
+    own = files(__package__).joinpath("assets")
+    texts = {one.name: one.read_bytes() for one in own.iterdir() if one.name.endswith(tuple(_TYPES))}
+    texts |= {name: make().encode() for name, make in _MADE.items()}
+    found = {}
+    for name, data in texts.items():
+        kind = _TYPES[name[name.rindex(".") :]]
+        address = f"/assets/{name}?v={hashlib.sha256(data).hexdigest()[:12]}"
+        found[name] = Asset(data, f"{kind}; charset=utf-8", address)
+    return MappingProxyType(found)
+
+
+@router.get("/assets/{name}")
+def asset(name: str) -> Response:
+    """A script or a style."""
+    found = assets().get(name)
+    if found is None:
+        raise Missing(f"there is no asset {name}")
+    return Response(found.data, headers=_FOREVER, media_type=found.kind)

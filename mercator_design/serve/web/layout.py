@@ -1,0 +1,75 @@
+"""The frame of all pages: head, navigation, policy."""
+
+from collections.abc import Sequence
+
+from fastapi.responses import HTMLResponse
+
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.accounts.users import User
+from mercator_design.serve.web.assets import assets
+from mercator_design.view.markup import escaped
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""Pages run no script but ours, and ask no one else for anything."""
+_STYLES = ("report.css", "charts.css", "app.css")
+_SCRIPTS = ("htmx.min.js", "app.js")
+_LINKS = {"/": "Jobs", "/new": "New job", "/fsm": "FSM editor", "/compare": "Compare", "/gallery": "Gallery"}
+
+
+def page(
+    title: str,
+    *body: str,
+    user: User | None,
+    here: str = "",
+    scripts: Sequence[str] = (),
+    styles: Sequence[str] = (),
+    status: int = 200,
+) -> HTMLResponse:
+    """A page.
+
+    Args:
+        title: Of the page.
+        body: Its parts, as HTML.
+        user: Who sees it; None before the login.
+        here: The link in the navigation that leads to it.
+        scripts: Further assets.
+        styles: Further assets.
+        status: Of the answer.
+    """
+    known = assets()
+    head = [f'<link rel="stylesheet" href="{known[name].address}">' for name in (*_STYLES, *styles)]
+    head += [f'<script src="{known[name].address}" defer></script>' for name in (*_SCRIPTS, *scripts)]
+    config = '{"includeIndicatorCSS": false, "history": false}'
+    text = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="htmx-config" content="{escaped(config)}">
+<title>{escaped(title)} · mercator_design</title>
+{"".join(head)}</head>
+<body>{_navigation(user, here)}
+<main id="main" class="app"><h1><bdi>{escaped(title)}</bdi></h1>
+{"".join(body)}</main></body></html>
+"""
+    return HTMLResponse(text, status, headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
+
+
+def fragment(*parts: str) -> HTMLResponse:
+    """A part of a page, which a script puts in its place."""
+    return HTMLResponse("".join(parts), headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
+
+
+def _navigation(user: User | None, here: str) -> Html:
+    if user is None:
+        return Html('<header class="bar"><span class="brand">mercator_design</span></header>')
+    links = "".join(
+        f'<a href="{to}"{" aria-current=" + chr(34) + "page" + chr(34) if to == here else ""}>{word}</a>'
+        for to, word in _LINKS.items()
+    )
+    return Html(
+        '<a class="skip" href="#main">To the content</a>'
+        f'<header class="bar"><span class="brand">mercator_design</span><nav>{links}</nav>'
+        f'<span class="who" dir="auto">{escaped(user.name)}</span></header>'
+    )

@@ -8,8 +8,7 @@ import uvicorn
 
 from mercator_design.cli.options import FOLDER
 from mercator_design.command import print_message
-from mercator_design.serve.accounts.guard import Guard
-from mercator_design.serve.http.app import application
+from mercator_design.serve.http.app import guarded
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
 
@@ -39,7 +38,7 @@ def serve(host: str, port: int, data: Path) -> None:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     with Service(data) as service:
         server = uvicorn.Server(
-            uvicorn.Config(Guard(application(service)), host=host, port=port, log_level="warning", server_header=False)
+            uvicorn.Config(guarded(service), host=host, port=port, log_level="warning", server_header=False)
         )
         print_message(f"Serving {data} at http://{host}:{port}/ (Ctrl-C stops)")
         server.run()

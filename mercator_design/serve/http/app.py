@@ -1,8 +1,10 @@
 """The application: all routes, behind the guard."""
 
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from mercator_design import __version__
+from mercator_design.serve.accounts.guard import Guard
 from mercator_design.serve.http import events, files, jobs
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
@@ -10,8 +12,13 @@ from mercator_design.serve.web import assets
 from mercator_design.serve.web import jobs as job_pages
 
 
+def guarded(service: Service) -> ASGIApp:
+    """The application of a running service, behind the guard: what is served."""
+    return Guard(application(service))
+
+
 def application(service: Service) -> FastAPI:
-    """The application of a running service."""
+    """The application of a running service, without the guard."""
     app = FastAPI(
         title="mercator_design",
         summary="Design control software for swarms of Mercator robots.",

@@ -1,7 +1,9 @@
 """Processes that tests start, and waiting for what they do."""
 
 import contextlib
+import os
 import subprocess
+import threading
 import time
 
 LIMIT = 60.0  # [s] only reached when something is wrong, however busy the machine is
@@ -24,3 +26,19 @@ def wait_until(condition, limit=LIMIT):
         assert time.monotonic() < end, f"not within {limit:g} s"
         time.sleep(0.01)
     return value
+
+
+@contextlib.contextmanager
+def signal_when(condition, number):
+    """Send a signal to this process when a condition holds; what runs meanwhile must not end before that."""
+
+    def send():
+        wait_until(condition)
+        os.kill(os.getpid(), number)
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import sqlite3
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,8 +42,14 @@ class Service:
             self._lock = _locked(self.data)
         except OSError as error:
             raise ServiceError(f"{self.data}: cannot be used: {error.strerror or error}") from None
-        self.settings = settings = load_settings(self.data)
-        self.index = Index(self.data / SERVICE / "index.sqlite")
+        try:
+            self.settings = settings = load_settings(self.data)
+            self.index = Index(self.data / SERVICE / "index.sqlite")
+        except BaseException as error:
+            os.close(self._lock)
+            if isinstance(error, (OSError, sqlite3.Error)):
+                raise ServiceError(f"{self.data / SERVICE}: the index cannot be used: {error}") from None
+            raise
         cores = settings.jobs or max(1, available_jobs() // settings.races)
         self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, cores))
         self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)

@@ -4,6 +4,7 @@ from starlette.testclient import TestClient
 from mercator_design.serve.http.app import guarded
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
+from tests.serve.races import BUDGET, House
 
 
 class IdleProcess:
@@ -42,3 +43,34 @@ def client(service):
     """A program on the machine of the service."""
     with TestClient(guarded(service), base_url="http://localhost") as one:
         yield one
+
+
+@pytest.fixture(scope="session")
+def raced(mdesign_once, tmp_path_factory):
+    """The run folder of a small race that has ended."""
+    folder = tmp_path_factory.mktemp("raced") / "old"
+    mission = ("aggregation", "--set", "duration=2", "--set", "robots=2")
+    mdesign_once("race", *mission, "--budget", BUDGET, "--jobs", "1", "-o", folder, "--quiet")
+    return folder
+
+
+@pytest.fixture
+def house(tmp_path, raced):
+    """The parts of a service, without processes."""
+    house = House(tmp_path / "data", raced)
+    yield house
+    house.index.close()
+
+
+@pytest.fixture
+def furnished(tmp_path, raced):
+    """Makes a house with settings."""
+    made = []
+
+    def make(**settings):
+        made.append(House(tmp_path / f"data{len(made)}", raced, **settings))
+        return made[-1]
+
+    yield make
+    for house in made:
+        house.index.close()

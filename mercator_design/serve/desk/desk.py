@@ -137,6 +137,7 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     from mercator_design.missions.plugins import run_plugin
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_service, daemon=True).start()
     os.chdir(folder)
     for file in plugins:
         run_plugin(read_plugin(Path(file)), file)
@@ -151,3 +152,11 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
             except Exception as error:  # noqa: BLE001 - a fault of this program: the service reports and goes on
                 answer = (None, ServiceError(f"internal error: {described(error)}"))
             connection.send(answer)
+
+
+def _end_with_service() -> None:
+    """End this process with the service, which alone knows of time limits, also if it was killed."""
+    service = multiprocessing.parent_process()
+    assert service is not None  # noqa: S101 - this is a helper
+    service.join()
+    os._exit(os.EX_TEMPFAIL)

@@ -1,6 +1,7 @@
 """The route that follows a job: the events of its journal as server-sent events."""
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from typing import Annotated
 
@@ -8,14 +9,16 @@ from fastapi import APIRouter, Depends, Header, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from mercator_design.runs.files import JOURNAL
-from mercator_design.serve.http.context import TheService, VisibleJob
+from mercator_design.serve.http.context import TheService, TheUser, VisibleJob, may_see
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.serve.jobs.operations import NotPossible
-from mercator_design.serve.jobs.races import events_from, length_of
+from mercator_design.serve.jobs.races import events_from, events_until, length_of
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
+
+_log = logging.getLogger(__name__)
 
 _PERIOD = 0.25
 """Seconds between two looks at a journal."""
@@ -38,7 +41,7 @@ def _place(
 
 @router.get("/jobs/{id}/events", response_class=EventSourceResponse)
 async def follow(
-    service: TheService, row: VisibleJob, place: Annotated[int, Depends(_place)]
+    service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_place)]
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow a job until it has ended: server-sent events.
 
@@ -49,12 +52,16 @@ async def follow(
     journal, shown = service.store.run_folder(row.id) / JOURNAL, None
     while True:
         now = service.index.get(row.id)
-        if now is None:  # deleted
+        if now is None or not may_see(user, now):  # deleted, or no longer shared
             return
-        while length_of(journal) > place and (found := events_from(journal, place)):
-            for event in found:
-                yield ServerSentEvent(raw_data=event.data, event=event.kind, id=str(event.place))
-            place = found[-1].place
+        try:
+            while (length := length_of(journal)) > place and (found := events_until(journal, place, length)):
+                for event in found:
+                    yield ServerSentEvent(raw_data=event.data, event=event.kind, id=str(event.place))
+                place = found[-1].place
+        except ValueError as error:  # damaged; who comes back is told so
+            _log.warning("job %s: its journal: %s", row.id, error)
+            return
         if (told := (now.state, now.message, now.budget, now.best, now.shared)) != shown:
             shown = told
             yield ServerSentEvent(raw_data=Job.of(now).model_dump_json(), event="state", id=str(place))

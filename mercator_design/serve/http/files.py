@@ -1,16 +1,20 @@
 """Routes on the files of jobs."""
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, BinaryIO
 
 from fastapi import APIRouter
 from fastapi import Path as InPath
-from fastapi.responses import FileResponse
+from fastapi.responses import StreamingResponse
 
+from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.http.context import TheService, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import File
+from mercator_design.serve.jobs.races import end_of
 
 router = APIRouter(prefix="/api/v1", tags=["files"], responses=RESPONSES)  # type: ignore[arg-type]
 
@@ -19,25 +23,48 @@ _PAGE_POLICY = (
     "img-src data:; frame-ancestors 'self'"
 )
 """Pages of a run folder have scripts of their own: they run without the rights of our pages."""
+_KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png"}
+_CHUNK = 256 * 1024  # bytes that are sent at a time
 
 
 @router.get("/jobs/{id}/files")
 def files(service: TheService, row: VisibleJob) -> list[File]:
     """List the files of a job's run folder."""
-    folder = service.store.run_folder(row.id)
-    return [File(name=name, bytes=path.stat().st_size) for name, path in sorted(files_of(folder).items())]
+    found = []
+    for name, path in sorted(files_of(service.store.run_folder(row.id)).items()):
+        with contextlib.suppress(FileNotFoundError):  # just removed
+            found.append(File(name=name, bytes=path.stat().st_size))
+    return found
 
 
-@router.get("/jobs/{id}/files/{name:path}", response_class=FileResponse)
-def file(service: TheService, row: VisibleJob, name: Annotated[str, InPath(max_length=400)]) -> FileResponse:
+@router.get("/jobs/{id}/files/{name:path}", response_class=StreamingResponse)
+def file(service: TheService, row: VisibleJob, name: Annotated[str, InPath(max_length=400)]) -> StreamingResponse:
     """Fetch a file of a job's run folder: fsm.txt, report.html, results.csv, journal.jsonl, ..."""
     path = files_of(service.store.run_folder(row.id)).get(name)
-    if path is None:
+    try:
+        opened = None if path is None else path.open("rb")
+    except FileNotFoundError:  # just removed
+        opened = None
+    if path is None or opened is None:
         raise Missing(f"{row.id} has no file {name}")
-    headers = {"Content-Security-Policy": _PAGE_POLICY, "X-Content-Type-Options": "nosniff"}
-    if path.suffix not in {".html", ".png"}:
-        return FileResponse(path, headers=headers, media_type="text/plain; charset=utf-8")
-    return FileResponse(path, headers=headers)
+    # A journal grows while it is sent, and other files are replaced: what is sent is as long as the answer says.
+    length = end_of(opened) if name == JOURNAL else os.fstat(opened.fileno()).st_size
+    headers = {
+        "Content-Length": str(length),
+        "Content-Security-Policy": _PAGE_POLICY,
+        "X-Content-Type-Options": "nosniff",
+    }
+    kind = _KINDS.get(path.suffix, "text/plain; charset=utf-8")
+    return StreamingResponse(_beginning(opened, length), headers=headers, media_type=kind)
+
+
+def _beginning(file: BinaryIO, length: int) -> Iterator[bytes]:
+    """The first bytes of a file, which is closed then."""
+    with file:
+        file.seek(0)
+        while length > 0 and (data := file.read(min(_CHUNK, length))):
+            length -= len(data)
+            yield data
 
 
 def files_of(folder: Path) -> dict[str, Path]:

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import sqlite3
 from collections.abc import Sequence
 
 from fastapi import FastAPI, Request
@@ -64,6 +65,8 @@ def report_problems(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _of_validation)
     app.add_exception_handler(HTTPException, _of_http)
     app.add_exception_handler(OSError, _of_system)
+    app.add_exception_handler(sqlite3.Error, _of_system)
+    app.add_exception_handler(Exception, _of_fault)
 
 
 def _of_ours(_: Request, error: Exception) -> JSONResponse:
@@ -86,8 +89,12 @@ def _of_http(_: Request, error: Exception) -> JSONResponse:
 
 
 def _of_system(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, OSError)  # noqa: S101
     _log.error("%s", error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) or "is full" in str(error):
         return answer(507, "Disk full", ["the disk of the service is full: nothing was changed; try again later"])
     return answer(500, "Internal error", ["the service cannot read or write its files"])
+
+
+def _of_fault(_: Request, __: Exception) -> JSONResponse:
+    """An error that this program should not have; the server logs it."""
+    return answer(500, "Internal error", ["the service has made a mistake; its log says which"])

@@ -74,6 +74,13 @@ class Index:
 
     def _open(self, file: Path) -> None:
         self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
+        try:
+            self._prepare()
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _prepare(self) -> None:
         self._db.row_factory = sqlite3.Row
         with contextlib.closing(self._db.execute("PRAGMA journal_mode=WAL")):
             pass
@@ -85,7 +92,9 @@ class Index:
             self._db.execute("CREATE INDEX by_owner ON jobs (owner, state)")
             self._db.execute("CREATE INDEX by_key ON jobs (owner, key)")
             self._db.execute(f"PRAGMA user_version={_VERSION}")
-        self._db.execute("SELECT id FROM jobs LIMIT 1").fetchone()
+        self._db.execute(f"SELECT {', '.join(_COLUMNS)} FROM jobs LIMIT 1").fetchone()  # noqa: S608 - our own names
+        if (found := self._db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            raise sqlite3.DatabaseError(found)
 
     def put(self, *rows: Row) -> None:
         """Add or replace rows."""
@@ -122,6 +131,15 @@ class Index:
     def all(self) -> list[Row]:
         """All rows."""
         return self._rows("", [])
+
+    def of_no_job(self) -> list[Row]:
+        """The rows of run folders that are of no job."""
+        return self._rows("WHERE owner = ''", [])
+
+    def tell_queued(self, message: str) -> None:
+        """Set what all queued jobs wait for."""
+        with self._lock:
+            self._db.execute("UPDATE jobs SET message = ? WHERE state = 'queued' AND message != ?", (message, message))
 
     def submitted(self, owner: str, key: str) -> Row | None:
         """The job that a user has submitted with a key."""

@@ -46,6 +46,7 @@ class Job:
     wish: Wish = "run"
     failure: str = ""  # why it failed
     seconds: float = 0.0  # its races have run so far [s]
+    granted: float = 0.0  # `seconds` when a user let it go on: the time limit counts from there
     ended: str = ""  # time at which it succeeded, failed or was cancelled
     shared: bool = False  # whether all users may see it
 

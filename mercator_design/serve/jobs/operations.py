@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import Any
 
 from mercator_design.errors import MercatorError
-from mercator_design.race.running.journal import now
+from mercator_design.race.running.journal import is_locked, now
+from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, Row
-from mercator_design.serve.jobs.job import STATES, Request, State
+from mercator_design.serve.jobs.job import STATES, Job, Request, State
 from mercator_design.serve.jobs.store import Store, size_of
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.settings import Limits
@@ -55,7 +56,11 @@ class Operations:
                     f"expected at most {self._limits.jobs} jobs of {owner} that have not ended, found {n}"
                 )
             job = self._store.create(owner, name, direction, request, text, key=key)
-            row = self._supervisor.refresh(job.id)
+            try:
+                row = self._supervisor.refresh(job.id)
+            except BaseException:  # for example, the disk is full: the user will submit it again
+                self._store.delete(job.id)
+                raise
         assert row is not None  # noqa: S101 - its file was just written
         self._supervisor.wake()
         return row
@@ -96,7 +101,9 @@ class Operations:
         Raises:
             NotPossible: It has ended otherwise.
         """
-        return self._change(identity, "resume", (*_OPEN, "failed"), wish="run", failure="", ended="")
+        with self._supervisor.locked:
+            self._expect(identity, "resume", states := (*_OPEN, "failed"))
+            return self._change(identity, "resume", states, **_going_on(self._store.read(identity)))
 
     def cancel(self, identity: str) -> Row:
         """Stop a job for good; its results so far stay.
@@ -104,7 +111,11 @@ class Operations:
         Raises:
             NotPossible: It has ended otherwise.
         """
-        return self._change(identity, "cancel", (*_OPEN, "cancelled"), wish="cancel", ended=now())
+        with self._supervisor.locked:
+            row = self._expect(identity, "cancel", (*_OPEN, "cancelled"))
+            return (
+                row if row.state == "cancelled" else self._change(identity, "cancel", _OPEN, wish="cancel", ended=now())
+            )
 
     def extend(self, identity: str, budget: int) -> Row:
         """Let a job go on with a larger budget.
@@ -115,11 +126,13 @@ class Operations:
         """
         self._check_budget(budget)
         with self._supervisor.locked:
-            request = self._store.read(identity).request
-            if budget <= request.budget:
-                raise NotPossible(f"{identity}: expected a budget above {request.budget}, found {budget}")
-            request, states = replace(request, budget=budget), (*_OPEN, "succeeded", "failed")
-            return self._change(identity, "extend", states, request=request, wish="run", failure="", ended="")
+            self._expect(identity, "extend", states := (*_OPEN, "succeeded", "failed"))
+            job = self._store.read(identity)
+            if budget <= job.request.budget:
+                raise NotPossible(f"{identity}: expected a budget above {job.request.budget}, found {budget}")
+            return self._change(
+                identity, "extend", states, request=replace(job.request, budget=budget), **_going_on(job)
+            )
 
     def share(self, identity: str, *, shared: bool) -> Row:
         """Show a job to all users, or to its owner alone."""
@@ -128,6 +141,7 @@ class Operations:
     def set_priority(self, identity: str, priority: int) -> Row:
         """Change the priority of a job among those of its user."""
         with self._supervisor.locked:
+            self._expect(identity, "change", STATES)
             request = replace(self._store.read(identity).request, priority=priority)
             return self._change(identity, "change", STATES, request=request)
 
@@ -140,6 +154,8 @@ class Operations:
         """
         with self._supervisor.locked:
             self._expect(identity, "delete", ("queued", "paused", "succeeded", "failed", "cancelled"))
+            if is_locked(self._store.run_folder(identity) / JOURNAL):
+                raise NotPossible(f"{identity}: cannot delete it: another process runs its race")
             self._store.delete(identity)
             self._index.remove(identity)
 
@@ -162,3 +178,8 @@ class Operations:
         if row.state not in states:
             raise NotPossible(f"{identity}: cannot {what} a job that is {row.state}")
         return row
+
+
+def _going_on(job: Job) -> dict[str, Any]:
+    """The changes of a job that a user lets go on."""
+    return {"wish": "run", "failure": "", "ended": "", "granted": job.seconds}

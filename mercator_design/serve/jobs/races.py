@@ -3,8 +3,10 @@
 import json
 import os
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from statistics import fmean
+from typing import BinaryIO
 
 from mercator_design.config.checked_lines import from_line
 from mercator_design.errors import MercatorError
@@ -21,6 +23,8 @@ class RaceStatus:
 
     folder: Path
     _reading: Reading = field(init=False)
+    _key: tuple[int, ...] = field(default=(), init=False)
+    _best: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._reading = Reading(self.folder / JOURNAL)
@@ -44,13 +48,14 @@ class RaceStatus:
     def best(self) -> float | None:
         """The mean score of the winner, or of the best after the last iteration."""
         record = self.record
-        if record.ends and record.is_complete:
-            scores = record.scores_of(record.ends[-1].winner)
-        elif record.iterations:
-            scores = record.scores_of(record.ended[-1].elites[0])
-        else:
+        if not (record.iterations or record.ends):
             return None
-        return fmean(scores.values()) if scores else None
+        key = (len(record.iterations), len(record.ends), len(record.budgets), sum(map(len, record.revised.values())))
+        if key != self._key:  # hot: asked several times a second, and all experiments are looked at
+            ended = record.ends and record.is_complete
+            scores = record.scores_of(record.ends[-1].winner if ended else record.ended[-1].elites[0])
+            self._key, self._best = key, fmean(scores.values()) if scores else None
+        return self._best
 
     @property
     def tested(self) -> float | None:
@@ -66,7 +71,7 @@ class RaceStatus:
             provenance = read_provenance(self.folder)
         except MercatorError:
             return False
-        winner = TASKS[str(self.record.start["task"])].WINNER
+        winner = TASKS[str(provenance.race["task"])].WINNER
         return provenance.budget == self.record.budget and (self.folder / winner).exists()
 
 
@@ -110,6 +115,24 @@ def events_from(journal: Path, place: int) -> list[JournalEvent]:
         place += len(line)
         found.append(JournalEvent(place, str(event.get("event")), json.dumps(event, separators=(",", ":"))))
     return found
+
+
+@lru_cache(maxsize=64)
+def events_until(journal: Path, place: int, length: int) -> list[JournalEvent]:  # noqa: ARG001 - the key of the cache
+    """As `events_from`, of a journal of so many bytes: parsed once for all who follow it."""
+    return events_from(journal, place)
+
+
+def end_of(journal: BinaryIO) -> int:
+    """The place after the last event of a journal that another process may be writing."""
+    place = journal.seek(0, os.SEEK_END)
+    while place > 0:
+        start = max(0, place - _CHUNK)
+        journal.seek(start)
+        if (found := journal.read(place - start).rfind(b"\n")) >= 0:
+            return start + found + 1
+        place = start
+    return 0
 
 
 def length_of(journal: Path) -> int:

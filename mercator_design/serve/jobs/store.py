@@ -51,7 +51,7 @@ class Store:
         (data / SERVICE).chmod(0o700)
         self._lock = threading.RLock()
         for left in (data / SERVICE).glob(f"{_DELETED}*"):
-            shutil.rmtree(left, ignore_errors=True)
+            self._finish_deletion(left.name.removeprefix(_DELETED))
 
     def create(
         self,
@@ -106,7 +106,8 @@ class Store:
     def others(self) -> Iterator[Path]:
         """Run folders of the data folder that are of no job."""
         for journal in sorted(self.data.glob(f"*/{JOURNAL}")):
-            if not self.folder(journal.parent.name).exists():
+            name = journal.parent.name
+            if name.isprintable() and not name.startswith(".") and not self.folder(name).exists():
                 yield journal.parent
 
     def read(self, identity: str) -> Job:
@@ -151,11 +152,21 @@ class Store:
             OSError: It cannot be deleted.
         """
         with self._lock:
-            for path, kind in ((self.folder(identity), "job"), (self.run_folder(identity), "run")):
-                if path.exists():
-                    gone = self.data / SERVICE / f"{_DELETED}{kind}-{identity}"
-                    path.rename(gone)
-                    shutil.rmtree(gone, ignore_errors=True)
+            gone = self.data / SERVICE / f"{_DELETED}{identity}"
+            self.folder(identity).rename(gone)
+            try:
+                self._finish_deletion(identity)
+            except OSError:  # else the run folder would be one of no job, which all users see
+                gone.rename(self.folder(identity))
+                raise
+
+    def _finish_deletion(self, identity: str) -> None:
+        """Delete the files of a job whose folder was renamed; again at the next start, if some cannot be deleted."""
+        job = self.data / SERVICE / f"{_DELETED}{identity}"
+        run, gone = self.run_folder(identity), job / "run"
+        if run.exists() and not gone.exists():
+            run.rename(gone)
+        shutil.rmtree(job, ignore_errors=True)
 
     def _write(self, job: Job) -> None:
         write_text(self.folder(job.id) / _JOB, json.dumps(plain(job), indent=1) + "\n")

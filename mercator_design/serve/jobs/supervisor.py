@@ -3,22 +3,25 @@
 All that a job is follows from its file and its run folder, so the service may be killed at any time.
 """
 
+import contextlib
 import logging
+import math
 import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
-from mercator_design.errors import MercatorError, RaceError
+from mercator_design.errors import MercatorError, RaceError, described
 from mercator_design.race.running.journal import is_locked, now
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, Row
-from mercator_design.serve.jobs.job import ENDED, Job, state_of
+from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess, last_error
-from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.serve.jobs.races import RaceStatus, length_of
+from mercator_design.serve.jobs.rows import is_of, row_of_folder, row_of_job
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
 from mercator_design.serve.settings import ServiceError, Settings
@@ -33,6 +36,10 @@ _MAX_DEATHS = 3
 """Deaths of a job's process without progress after which the job fails."""
 _INTERRUPTED = (75, 130)
 """Exit codes of a race that can be resumed."""
+_RETRY = 5.0
+"""Seconds that a job waits at least."""
+_OTHERS = 3.0
+"""Seconds between two looks at run folders that processes of others may run."""
 _FULL = "No space left on device"
 _MB = 1_000_000
 
@@ -41,12 +48,16 @@ Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
 
 @dataclass(slots=True)
 class _Run:
-    """A race that a process of ours runs."""
+    """A race that a process of ours runs.
+
+    budget: With which the process was started; the job's may have been extended since.
+    """
 
     job: Job
     process: RaceProcess
     status: RaceStatus
     started: float
+    budget: int
     stopped_for: Why = ""
     stopped_at: float = 0.0
 
@@ -54,6 +65,16 @@ class _Run:
         if not self.stopped_for:
             self.stopped_for, self.stopped_at = why, clock
             self.process.interrupt()
+
+    def seconds(self, clock: float) -> float:
+        """That the job's races have run, with this one."""
+        return round(self.job.seconds + clock - self.started, 1)
+
+    @property
+    def message(self) -> str:
+        """What it is about to do."""
+        stops = {"wish": f"stopping, to {self.job.wish}", "disk": "stopping: the disk is nearly full"}
+        return stops.get(self.stopped_for, "")
 
 
 class Supervisor:
@@ -82,9 +103,13 @@ class Supervisor:
         self._launch, self._clock = launch, clock
         self._free = free or (lambda: shutil.disk_usage(store.data).free)
         self._runs: dict[str, _Run] = {}
-        self._held: dict[str, str] = {}  # jobs that wait, and for what
+        self._held: dict[str, tuple[str, float]] = {}  # jobs that wait: for what, and until when at least
         self._deaths: dict[str, tuple[int, int]] = {}  # by job: deaths without progress, experiments at the last one
         self._served: dict[str, int] = {}
+        self._others: dict[str, tuple[int, bool]] = {}  # run folders of no job: length of the journal, is it locked
+        self._looked = -math.inf  # when the run folders of others were looked at
+        self._is_short = False
+        self._problems: dict[str, str] = {}  # that are logged already
         self._lock = threading.RLock()
         self._wake = threading.Event()
         self._is_stopping = False
@@ -94,6 +119,11 @@ class Supervisor:
     def locked(self) -> threading.RLock:
         """The lock of all changes of jobs."""
         return self._lock
+
+    @property
+    def shortage(self) -> str:
+        """What all jobs wait for; empty if they can run."""
+        return f"waits until {self._settings.limits.free_disk} MB are free on the disk" if self._is_short else ""
 
     def start(self) -> None:
         """Make the index agree with the data folder, and begin to run jobs."""
@@ -114,96 +144,114 @@ class Supervisor:
 
     def reconcile(self) -> None:
         """Make the index agree with the data folder: new, changed and vanished jobs and run folders."""
-        known = {row.id: row for row in self._index.all()}
-        ids, others = self._store.ids(), [path.name for path in self._store.others()]
-        self._index.remove(*(known.keys() - {*ids, *others}))
-        for identity in [*ids, *others]:
-            row = known.get(identity)
-            if row is None or row.state not in ENDED:
-                self.refresh(identity)
+        with self._lock:
+            known = {row.id: row for row in self._index.all() if row.is_job}
+            ids = self._store.ids()
+            self._index.remove(*(known.keys() - {*ids}))
+            for identity in ids:
+                with self._going_on(identity):
+                    row = known.get(identity)
+                    if row is None or row.state not in ENDED or not is_of(row, self._store.read(identity)):
+                        self.refresh(identity)
+            self._look_at_others()
 
     def refresh(self, identity: str) -> Row | None:
-        """Make the row of a job or run folder agree with its files; None if it is gone."""
+        """Make the row of a job agree with its files; None if it is gone."""
         with self._lock:
-            try:
-                job = self._store.read(identity) if self._store.folder(identity).exists() else None
-            except ServiceError as error:
-                _log.error("%s", error)
+            if not self._store.folder(identity).exists():
+                self._index.remove(identity)
                 return None
-            folder = self._store.run_folder(identity)
-            status, message = RaceStatus(folder), ""
+            try:
+                job = self._store.read(identity)
+            except ServiceError as error:
+                return self._damaged(identity, error)
+            folder, run = self._store.run_folder(identity), self._runs.get(identity)
+            status, problem = RaceStatus(folder) if run is None else run.status, ""
             try:
                 status.read_on()
             except RaceError as error:
-                message = error.messages[0]
-            row = self._row(identity, job, status, message)
-            if row is None:
-                self._index.remove(identity)
-            else:
-                self._index.put(row)
+                problem = error.messages[0]
+            row = row_of_job(job, status, problem, is_running=run is not None or is_locked(folder / JOURNAL))
+            if run is not None:
+                run.job = job
+                row = replace(row, message=run.message, seconds=run.seconds(self._clock()))
+            elif row.state == "queued" and identity in self._held:
+                row = replace(row, state="paused", message=self._held[identity][0])
+            elif row.state == "queued":
+                row = replace(row, message=self.shortage)
+            self._index.put(row)
             return row
 
-    def _row(self, identity: str, job: Job | None, status: RaceStatus, problem: str) -> Row | None:
-        record = status.record
-        start, journal = record.start, status.folder / JOURNAL
-        is_running = identity in self._runs or is_locked(journal)
-        raced: dict[str, Any] = {"experiments": len(record.experiments), "best": status.best, "tested": status.tested}
-        if job is None:
-            if not start and not problem:
-                return None
-            is_finished = record.is_complete if start else False
-            began = record.sessions[0].time if record.sessions else ""
-            return Row(
-                id=identity, owner="", name=str(start.get("name", identity)), method=str(start.get("method", "")),
-                flavour=str(start.get("flavour") or ""), seed=int(start.get("seed", 0)), submitted=began,
-                state="running" if is_running else "succeeded" if is_finished else "failed" if problem else "paused",
-                message=problem, budget=record.budget if start else 0, direction=_direction(status), **raced,
-            )  # fmt: skip
-        request = job.request
-        state = state_of(job, is_finished=status.is_finished(request.budget), is_running=is_running)
-        message = job.failure or problem
-        if state == "queued" and (held := self._held.get(identity)):
-            state, message = "paused", held
-        if problem and state == "queued":
-            state = "failed"
-        return Row(
-            id=identity, owner=job.owner, name=job.name, state=state, message="" if state == "succeeded" else message,
-            method=request.method, flavour=request.flavour, seed=request.seed, budget=request.budget,
-            priority=request.priority, direction=job.direction, submitted=job.submitted, ended=job.ended,
-            seconds=job.seconds, shared=job.shared, key=job.key, **raced,
-        )  # fmt: skip
+    def _damaged(self, identity: str, error: ServiceError) -> Row | None:
+        """The row of a job whose file is damaged; None if its owner is not known."""
+        _log.error("%s", error)
+        row = self._index.get(identity)
+        if row is not None:
+            row = self._index.change(identity, state="failed", message="the file of this job is damaged")
+        return row
+
+    @contextlib.contextmanager
+    def _going_on(self, identity: str) -> Iterator[None]:
+        """Log what goes wrong with a job, once, and go on with the others; it is tried again."""
+        try:
+            yield
+        except (OSError, MercatorError, sqlite3.Error, KeyError) as error:  # for example, the disk is full
+            if self._problems.get(identity) != str(error):
+                self._problems[identity] = str(error)
+                _log.error("job %s: %s", identity, described(error))
+        else:
+            self._problems.pop(identity, None)
 
     def _loop(self) -> None:
         while not (self._is_stopping and not self._runs):
             self._wake.wait(_PERIOD)
             self._wake.clear()
             try:
-                self.tick()
-            except (OSError, MercatorError, sqlite3.Error) as error:  # for example, the disk is full: try again
-                _log.error("jobs: %s", error)
+                with self._going_on("*"):
+                    self.tick()
+            except Exception:  # noqa: BLE001 - a fault of this program: what runs must still be followed and stopped
+                _log.exception("jobs")
                 time.sleep(_PERIOD)
 
     def tick(self) -> None:
         """One round: look at what runs, and start what can."""
         with self._lock:
-            is_short = self._free() < self._settings.limits.free_disk * _MB
+            self._note_space()
             for run in [*self._runs.values()]:
-                self._look_at(run, is_short=is_short)
-            if is_short or self._is_stopping:
+                with self._going_on(run.job.id):
+                    self._look_at(run)
+            if self._is_stopping:
                 return
-            for identity in [*self._held]:
-                del self._held[identity]
-                self.refresh(identity)
-            self._start_queued()
+            if not self._is_short:
+                for identity in [one for one, (_, until) in self._held.items() if self._clock() >= until]:
+                    del self._held[identity]
+                    self.refresh(identity)
+                self._start_queued()
+            if self._clock() - self._looked >= _OTHERS:
+                self._look_at_others()
 
-    def _look_at(self, run: _Run, *, is_short: bool) -> None:
+    def _note_space(self) -> None:
+        before, self._is_short = self._is_short, self._free() < self._settings.limits.free_disk * _MB
+        if before != self._is_short:
+            with self._going_on("*"):
+                self._index.tell_queued(self.shortage)
+
+    def _look_at(self, run: _Run) -> None:
         clock = self._clock()
         if (code := run.process.poll()) is not None:
             self._end(run, code)
             return
+        if self._is_stopping:
+            run.stop("service", clock)
+        elif self._is_short:
+            run.stop("disk", clock)
+        if run.stopped_for and clock - run.stopped_at > _GRACE:
+            run.process.kill()
         job = run.job = self._store.read(run.job.id)
-        seconds = job.seconds + clock - run.started
-        message = {"wish": f"stopping, to {job.wish}", "disk": "stopping: the disk is nearly full"}
+        if job.wish != "run":
+            run.stop("wish", clock)
+        elif run.seconds(clock) - job.granted > self._settings.limits.hours * 3600:
+            run.stop("time", clock)
         try:
             run.status.read_on()
         except RaceError as error:  # the race itself reports it
@@ -212,96 +260,112 @@ class Supervisor:
             job.id,
             experiments=len(run.status.record.experiments),
             best=run.status.best,
-            seconds=seconds,
-            message=message.get(run.stopped_for, ""),
+            tested=run.status.tested,
+            seconds=float(int(run.seconds(clock))),
+            message=run.message,
         )
-        if self._is_stopping:
-            run.stop("service", clock)
-        elif job.wish != "run":
-            run.stop("wish", clock)
-        elif is_short:
-            run.stop("disk", clock)
-        elif seconds > self._settings.limits.hours * 3600:
-            run.stop("time", clock)
-        if run.stopped_for and clock - run.stopped_at > _GRACE:
-            run.process.kill()
 
     def _end(self, run: _Run, code: int) -> None:
         """Note the end of a process."""
-        job = run.job
+        identity = run.job.id
+        job = run.job = self._store.read(identity)
         run.status = RaceStatus(run.status.folder)
         try:
             run.status.read_on()
         except RaceError as error:
             _log.warning("%s", error)
         is_finished = run.status.is_finished(job.request.budget)
-        failure = "" if is_finished else self._failure(run, code)
-        job = self._store.update(job.id, seconds=round(job.seconds + self._clock() - run.started, 1), failure=failure)
-        if is_finished or failure or job.wish == "cancel":
-            job = self._store.update(job.id, ended=now())
-        del self._runs[job.id]
-        row = self.refresh(job.id)
-        _log.info("job %s: its process ended with %d; %s", job.id, code, row.state if row else "gone")
+        deaths = self._deaths_of(run) if code < 0 else (0, -1)
+        held = "" if is_finished else self._wait(run, code)
+        failure = "" if is_finished or held else self._failure(run, code, deaths[0])
+        ended = now() if is_finished or failure or job.wish == "cancel" else ""
+        try:
+            self._store.update(identity, seconds=run.seconds(self._clock()), failure=failure, ended=ended)
+        except OSError:
+            if not self._is_stopping:
+                raise  # the disk is full: this is tried again, and the job waits until then
+        del self._runs[identity]
+        self._deaths.pop(identity, None)
+        if held:
+            self._held[identity] = held, self._clock() + _RETRY
+        elif code < 0 and not failure:
+            self._deaths[identity] = deaths
+        row = self.refresh(identity)
+        _log.info("job %s: its process ended with %d; %s", identity, code, row.state if row else "gone")
 
-    def _failure(self, run: _Run, code: int) -> str:
-        """Why a job fails whose process has ended before its race; empty if it goes on."""
-        limits, identity = self._settings.limits, run.job.id
-        if run.stopped_for == "time":
-            return f"it has run for {limits.hours:g} h, the limit of this service; resume it to go on"
+    def _deaths_of(self, run: _Run) -> tuple[int, int]:
+        """The deaths of a job's processes without progress, with the last one, and the experiments at that time."""
+        done = len(run.status.record.experiments)
+        deaths, before = self._deaths.get(run.job.id, (0, -1))
+        return (deaths + 1 if done == before else 1), done
+
+    def _wait(self, run: _Run, code: int) -> str:
+        """What a job waits for whose process has ended before its race; empty if it does not wait."""
         if run.stopped_for == "disk":
-            self._held[identity] = f"waits until {limits.free_disk} MB are free on the disk"
+            return self.shortage or "waits until there is space on the disk"
+        if not run.stopped_for and code > 0 and _FULL in self._error(run):
+            return "waits until there is space on the disk"
+        return ""
+
+    def _failure(self, run: _Run, code: int, deaths: int) -> str:
+        """Why a job fails whose process has ended before its race; empty if it goes on."""
+        if run.stopped_for == "time":
+            return f"it has run for {self._settings.limits.hours:g} h, the limit of this service; resume it to go on"
         if run.stopped_for or code in _INTERRUPTED:
             return ""
         if code < 0:
-            done = len(run.status.record.experiments)
-            deaths, before = self._deaths.get(identity, (0, -1))
-            deaths = deaths + 1 if done == before else 1
-            self._deaths[identity] = deaths, done
             return f"its process was killed {deaths} times, by signal {-code}" if deaths >= _MAX_DEATHS else ""
-        error = last_error(self._store.folder(identity) / OUTPUT) or f"its process ended with {code}"
-        if _FULL in error:
-            self._held[identity] = "waits until there is space on the disk"
-            return ""
-        return error
+        if code == 0 and run.budget < run.job.request.budget and run.status.is_finished(run.budget):
+            return ""  # the budget was extended while it ran
+        return self._error(run) or f"its process ended with {code}"
+
+    def _error(self, run: _Run) -> str:
+        return last_error(self._store.folder(run.job.id) / OUTPUT)
+
+    def _look_at_others(self) -> None:
+        """Run folders of no job come, grow and go; jobs may run in processes of a service that was killed."""
+        self._looked = self._clock()
+        found = {path.name: path for path in self._store.others()}
+        gone = [row.id for row in self._index.of_no_job() if row.id not in found]
+        self._index.remove(*gone)
+        self._others = {name: one for name, one in self._others.items() if name in found}
+        for name, path in found.items():
+            with self._going_on(name):
+                journal = path / JOURNAL
+                state = (length_of(journal), is_locked(journal))
+                if self._others.get(name) != state:
+                    if (row := row_of_folder(path)) is not None:
+                        self._index.put(row)
+                    self._others[name] = state
+        rows, _ = self._index.find(None, states=("running",), limit=-1)
+        for row in rows:
+            if row.is_job and row.id not in self._runs:
+                self.refresh(row.id)
 
     def _start_queued(self) -> None:
         limits = self._settings.limits
         while len(self._runs) < self._settings.races:
             rows, _ = self._index.find(None, states=("queued",), descending=False, limit=-1)
-            queued = [row for row in rows if row.id not in self._held]
             running = [row for row in map(self._index.get, self._runs) if row is not None]
-            row = next_job(queued, running, self._served, limits.running)
-            if row is None or not self._begin(row):
+            row = next_job(rows, running, self._served, limits.running)
+            if row is None or not self._begin(row.id):
                 return
 
-    def _begin(self, row: Row) -> bool:
-        """Start the process of a job; return whether another one may be looked for."""
-        folder = self._store.run_folder(row.id)
-        if is_locked(folder / JOURNAL):  # a process of the service before this one, or of a user
-            self._held[row.id] = "waits for another process that runs this race"
-            self.refresh(row.id)
+    def _begin(self, identity: str) -> bool:
+        """Start the process of a queued job; return whether another one may be looked for."""
+        row = self.refresh(identity)
+        if row is None or row.state != "queued":  # for example, another process runs it, or its file is damaged
             return True
-        job = self._store.read(row.id)
-        if job.wish != "run" or job.failure:
-            self.refresh(row.id)
-            return True
+        job, folder = self._store.read(identity), self._store.run_folder(identity)
         try:
             process = self._launch(job)
         except OSError as error:
-            _log.error("job %s: its process cannot be started: %s", row.id, error)
+            _log.error("job %s: its process cannot be started: %s", identity, error)
+            self._held[identity] = f"its process cannot be started: {error.strerror or error}", self._clock() + _RETRY
+            self.refresh(identity)
             return False
         self._served[job.owner] = max(self._served.values(), default=-1) + 1
-        self._runs[job.id] = _Run(job, process, RaceStatus(folder), self._clock())
-        self._index.change(job.id, state="running", message="")
-        _log.info("job %s: started", job.id)
+        self._runs[identity] = _Run(job, process, RaceStatus(folder), self._clock(), job.request.budget)
+        self.refresh(identity)
+        _log.info("job %s: started", identity)
         return True
-
-
-def _direction(status: RaceStatus) -> str:
-    """Whether the scores of a run folder of no job are maximised."""
-    from mercator_design.runs.files import task_of
-
-    try:
-        return "maximise" if task_of(status.folder).maximise else "minimise"
-    except MercatorError:
-        return "minimise"

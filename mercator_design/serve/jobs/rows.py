@@ -1,0 +1,81 @@
+"""Rows of lists, made of the file of a job and of its run folder."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mercator_design.config.yaml_tree import LOADER
+from mercator_design.errors import RaceError, excerpt, printable
+from mercator_design.report.runs import run_of
+from mercator_design.runs.files import OtherVersion, read_journal
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.job import Job, State, state_of
+from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.system.files import Unreadable, read_small
+
+_MAX_SIZE = 1024 * 1024  # bytes of a mission
+_MAX_SEED = 2**63 - 1  # that SQLite stores
+_STATES: dict[str, State] = {"running": "running", "finished": "succeeded", "stopped": "paused"}
+"""States of jobs by those of run folders; others have failed."""
+
+
+def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> Row:
+    """The row of a job.
+
+    Args:
+        job: The job.
+        status: Of its race, as of the last reading.
+        problem: What is wrong with its run folder.
+        is_running: Whether a process runs its race.
+    """
+    request = job.request
+    state = state_of(job, is_finished=status.is_finished(request.budget), is_running=is_running)
+    if problem and state == "queued":
+        state = "failed"
+    return Row(
+        id=job.id, owner=job.owner, name=job.name, state=state, method=request.method, flavour=request.flavour,
+        message="" if state == "succeeded" else job.failure or problem,
+        seed=request.seed, budget=request.budget, priority=request.priority, direction=job.direction,
+        experiments=len(status.record.experiments), best=status.best, tested=status.tested,
+        submitted=job.submitted, ended=job.ended, seconds=job.seconds, shared=job.shared, key=job.key,
+    )  # fmt: skip
+
+
+def is_of(row: Row, job: Job) -> bool:
+    """Whether the row of a job that has ended agrees with the job's file."""
+    request = job.request
+    same = replace(
+        row, owner=job.owner, budget=request.budget, priority=request.priority, submitted=job.submitted,
+        ended=job.ended, shared=job.shared, key=job.key,
+    )  # fmt: skip
+    return row == same and (not job.failure or row.message == job.failure)
+
+
+def row_of_folder(folder: Path) -> Row | None:
+    """The row of a run folder that is of no job; None if no race has begun there."""
+    try:
+        reading = read_journal(folder)
+    except RaceError as error:
+        what = "of another version: " if isinstance(error, OtherVersion) else ""
+        return Row(id=folder.name, owner="", name=folder.name, state="failed", message=what + error.messages[0])
+    record, found = reading.record, run_of(folder, reading)
+    if not record.start:
+        return None
+    raced: dict[str, Any] = {"experiments": found["experiments"], "best": found["score"], "tested": found["tested"]}
+    return Row(
+        id=folder.name, owner="", name=printable(excerpt(str(found["name"]))), method=str(found["method"]),
+        flavour=printable(excerpt(str(found["flavour"] or ""))), seed=min(int(found["seed"]), _MAX_SEED),
+        state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),
+        budget=min(record.budget, _MAX_SEED), submitted=found["started"] or "", direction=_direction(folder), **raced,
+    )  # fmt: skip
+
+
+def _direction(folder: Path) -> str:
+    """Whether the scores of a run folder are maximised, by its mission; others are costs."""
+    try:
+        mission = yaml.load(read_small(folder / "mission.yaml", _MAX_SIZE), Loader=LOADER)  # noqa: S506 - a safe loader
+        return "maximise" if mission["objective"]["direction"] == "maximise" else "minimise"
+    except (Unreadable, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+        return "minimise"

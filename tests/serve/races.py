@@ -1,0 +1,104 @@
+"""Races of a service under test: processes that a test ends as it likes."""
+
+import shutil
+
+from mercator_design.race.running.journal import Journal
+from mercator_design.serve.jobs.index import Index
+from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.jobs.operations import Operations
+from mercator_design.serve.jobs.store import SERVICE, Store
+from mercator_design.serve.jobs.supervisor import Supervisor
+from mercator_design.serve.settings import Limits, Settings
+
+BUDGET = 60
+"""Of the race that the fixture `raced` has run."""
+
+
+class Process:
+    """A process of a race that does what the test says."""
+
+    def __init__(self):
+        self.code, self.is_interrupted, self.is_killed = None, False, False
+
+    def poll(self):
+        return self.code
+
+    def interrupt(self):
+        self.is_interrupted = True
+
+    def kill(self):
+        self.is_killed = True
+        self.code = -9
+
+
+class House:
+    """The parts of a service without its processes: the test says what time it is and how much of the disk is free."""
+
+    def __init__(self, data, raced, **settings):
+        self.data, self.raced = data, raced
+        self.limits = settings.pop("limits", Limits())
+        self.settings = Settings(limits=self.limits, **settings)
+        self.time, self.free = 0.0, 10**12
+        self.processes, self.started = {}, []
+        self.open()
+
+    def open(self):
+        """Begin, as after a start of the service."""
+        self.store = Store(self.data)
+        self.index = Index(self.data / SERVICE / "index.sqlite")
+        self.supervisor = Supervisor(
+            self.store, self.index, self.settings, self._launch, clock=lambda: self.time, free=lambda: self.free
+        )
+        self.jobs = Operations(self.store, self.index, self.supervisor, self.limits)
+        self.supervisor.reconcile()
+
+    def crash(self):
+        """Go without a word, and begin again; the processes of races are gone."""
+        self.index.close()
+        self.processes.clear()
+        self.open()
+
+    def submit(self, owner="ann", *, name="aggregation", budget=BUDGET, text=None, key="", **request):
+        """The identity of a new job."""
+        wanted = Request(mission="" if text is not None else name, budget=budget, **request)
+        return self.jobs.submit(owner, name, "maximise", wanted, text, key).id
+
+    def _launch(self, job):
+        self.started.append(job.id)
+        self.processes[job.id] = Process()
+        return self.processes[job.id]
+
+    def tick(self, seconds=1.0):
+        self.time += seconds
+        self.supervisor.tick()
+
+    def row(self, identity):
+        return self.index.get(identity)
+
+    def state(self, identity):
+        return self.row(identity).state
+
+    def race(self, identity, *, lines=None):
+        """Let a job have raced: to the end, or the first lines of its journal."""
+        folder = self.store.run_folder(identity)
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(self.raced, folder)
+        if lines is not None:
+            journal = folder / "journal.jsonl"
+            journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:lines]))
+            (folder / "fsm.txt").unlink()
+
+    def end(self, identity, code=0):
+        """End the process of a job."""
+        self.processes[identity].code = code
+        self.tick()
+
+    def finish(self, identity):
+        """Let a job have raced to the end."""
+        self.race(identity)
+        self.end(identity)
+
+
+def locked(folder):
+    """The journal of a run folder, locked as by a process that runs its race."""
+    return Journal(folder / "journal.jsonl", new=False)

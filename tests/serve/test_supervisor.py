@@ -1,0 +1,528 @@
+"""Jobs over their lives: turns, stops, crashes, full disks, time limits."""
+
+import errno
+import json
+import shutil
+import sqlite3
+
+import pytest
+
+from mercator_design.serve.jobs.operations import LimitReached, NotPossible
+from mercator_design.serve.settings import Limits
+from tests.serve.races import BUDGET, House, locked
+
+
+def test_a_job_runs_to_its_end(house):
+    job = house.submit()
+    assert house.state(job) == "queued"
+    house.tick()
+    assert house.state(job) == "running"
+    house.time += 10
+    house.finish(job)
+    row = house.row(job)
+    assert (row.state, row.message, row.experiments) == ("succeeded", "", BUDGET)
+    assert row.best is not None
+    assert row.seconds == pytest.approx(11.0)
+    assert row.ended
+    assert house.started == [job]
+    house.tick()
+    assert house.started == [job]
+
+
+def test_progress_is_in_the_row_while_it_runs(house):
+    job = house.submit()
+    house.tick()
+    house.race(job, lines=40)
+    house.tick(5)
+    row = house.row(job)
+    assert 0 < row.experiments < BUDGET
+    assert (row.state, row.seconds) == ("running", 5.0)
+
+
+def test_pause_and_resume(house):
+    job = house.submit()
+    house.tick()
+    assert house.jobs.pause(job).state == "running"
+    house.tick()
+    assert house.processes[job].is_interrupted
+    assert house.row(job).message == "stopping, to pause"
+    house.end(job, 75)
+    assert house.state(job) == "paused"
+    house.tick(100)
+    assert house.started == [job]
+    assert house.jobs.resume(job).state == "queued"
+    house.tick()
+    assert house.started == [job, job]
+
+
+def test_a_job_that_was_resumed_before_it_had_stopped_goes_on(house):
+    job = house.submit()
+    house.tick()
+    house.jobs.pause(job)
+    house.tick()
+    house.jobs.resume(job)
+    house.end(job, 75)
+    house.tick()
+    assert house.started == [job, job]
+
+
+def test_cancel(house):
+    waiting, running = house.submit(), house.submit()
+    house.jobs.cancel(waiting)
+    assert house.state(waiting) == "cancelled"
+    house.tick()
+    house.jobs.cancel(running)
+    house.tick()
+    house.end(running, 75)
+    row = house.row(running)
+    assert (row.state, bool(row.ended)) == ("cancelled", True)
+    assert house.jobs.cancel(running).ended == row.ended
+    with pytest.raises(NotPossible, match="cannot resume a job that is cancelled"):
+        house.jobs.resume(running)
+    with pytest.raises(NotPossible, match="cannot extend a job that is cancelled"):
+        house.jobs.extend(running, 10**4)
+
+
+def test_a_job_that_ends_while_it_is_cancelled_has_succeeded(house):
+    job = house.submit()
+    house.tick()
+    house.jobs.cancel(job)
+    house.finish(job)
+    assert house.state(job) == "succeeded"
+
+
+def test_a_process_that_does_not_stop_is_killed(house):
+    job = house.submit()
+    house.tick()
+    house.jobs.pause(job)
+    house.tick()
+    house.tick(29)
+    assert not house.processes[job].is_killed
+    house.tick(2)
+    assert house.processes[job].is_killed
+    house.tick()
+    assert house.state(job) == "paused"
+
+
+def test_extend_after_the_end(house):
+    job = house.submit()
+    house.tick()
+    house.finish(job)
+    with pytest.raises(NotPossible, match=f"expected a budget above {BUDGET}, found {BUDGET}"):
+        house.jobs.extend(job, BUDGET)
+    row = house.jobs.extend(job, 2 * BUDGET)
+    assert (row.state, row.budget, row.ended) == ("queued", 2 * BUDGET, "")
+    house.tick()
+    assert house.started == [job, job]
+
+
+def test_extend_while_it_runs(house):
+    """The race ends under the budget that it was started with, and goes on."""
+    job = house.submit()
+    house.tick()
+    house.jobs.extend(job, 2 * BUDGET)
+    house.finish(job)
+    assert house.state(job) in ("queued", "running")
+    assert not house.row(job).ended
+    house.tick()
+    assert house.started == [job, job]
+
+
+def test_an_extension_just_before_a_crash_is_kept(house):
+    """The file of a job was written, and its row was not."""
+    job = house.submit()
+    house.tick()
+    house.finish(job)
+    row = house.row(job)
+    house.jobs.extend(job, 2 * BUDGET)
+    house.index.put(row)
+    house.crash()
+    assert house.state(job) == "queued"
+
+
+def test_the_same_for_what_was_resumed_and_shared(house):
+    failed, shared = house.submit(), house.submit()
+    house.tick()
+    house.jobs.cancel(shared)
+    house.end(failed, 1)
+    rows = house.row(failed), house.row(shared)
+    assert [row.state for row in rows] == ["failed", "cancelled"]
+    house.jobs.resume(failed)
+    house.jobs.share(shared, shared=True)
+    house.index.put(*rows)
+    house.crash()
+    assert house.state(failed) == "queued"
+    assert house.row(shared).shared
+
+
+def test_a_failure_says_why(house):
+    job = house.submit()
+    house.tick()
+    (house.store.folder(job) / "output.txt").write_text("Warning: hm\nError: it went wrong\nError: twice\n")
+    house.end(job, 1)
+    row = house.row(job)
+    assert (row.state, row.message) == ("failed", "it went wrong; twice")
+    assert row.ended
+    house.jobs.resume(job)
+    house.tick()
+    house.end(job, 1)
+    assert house.started == [job, job]
+
+
+def test_a_process_that_ends_without_a_word_has_failed(house):
+    job = house.submit()
+    house.tick()
+    house.end(job, 0)
+    assert (house.state(job), house.row(job).message) == ("failed", "its process ended with 0")
+
+
+def test_three_deaths_without_progress(house):
+    job = house.submit()
+    for k in range(3):
+        house.tick()
+        assert len(house.started) == k + 1
+        house.end(job, -9)
+    assert (house.state(job), house.row(job).message) == ("failed", "its process was killed 3 times, by signal 9")
+    house.jobs.resume(job)
+    house.tick()
+    house.end(job, -9)
+    house.tick()
+    assert len(house.started) == 5
+
+
+def test_deaths_with_progress_do_not_count(house):
+    job = house.submit()
+    for k in range(5):
+        house.tick()
+        house.race(job, lines=20 + 10 * k)
+        house.end(job, -9)
+    house.tick()
+    assert len(house.started) == 6
+
+
+def test_crash_and_restart(house):
+    done, half, waiting = house.submit("ann"), house.submit("bob"), house.submit("cid")
+    house.tick()
+    house.finish(done)
+    house.tick()
+    house.race(half, lines=30)
+    house.crash()
+    assert [house.state(one) for one in (done, half, waiting)] == ["succeeded", "queued", "queued"]
+    house.tick()
+    house.finish(house.started[-1])
+    house.tick()
+    house.finish(house.started[-1])
+    assert [house.state(one) for one in (done, half, waiting)] == ["succeeded"] * 3
+    assert house.started.count(done) == 1
+
+
+def test_the_process_of_a_service_that_was_killed_is_waited_for(house):
+    job = house.submit()
+    house.tick()
+    house.race(job, lines=30)
+    with locked(house.store.run_folder(job)):
+        house.crash()
+        assert house.state(job) == "running"
+        house.tick(10)
+        assert house.started == [job]
+        with pytest.raises(NotPossible, match="cannot delete a job that is running"):
+            house.jobs.delete(job)
+    house.tick(10)
+    house.tick()
+    assert house.started == [job, job]
+
+
+def test_index_deleted_or_damaged(house):
+    jobs = [house.submit(), house.submit()]
+    house.tick()
+    house.finish(jobs[0])
+    rows = house.index.all()
+    for damage in (b"", b"nonsense" * 1000, None):
+        house.index.close()
+        for file in house.data.glob(".service/index.sqlite*"):
+            file.unlink()
+        if damage is not None:
+            (house.data / ".service/index.sqlite").write_bytes(damage)
+        house.processes.clear()
+        house.open()
+        found = {row.id: (row.state, row.best, row.owner, row.submitted) for row in house.index.all()}
+        assert found.keys() == {row.id for row in rows}
+        assert found[jobs[0]][:2] == ("succeeded", rows[[row.id for row in rows].index(jobs[0])].best)
+
+
+def test_disk_full_and_space_again(furnished):
+    house = furnished(limits=Limits(free_disk=200))
+    running, waiting = house.submit(), house.submit()
+    house.tick()
+    house.free = 10**8
+    house.tick()
+    assert house.processes[running].is_interrupted
+    assert house.row(running).message == "stopping: the disk is nearly full"
+    assert house.row(waiting).message == "waits until 200 MB are free on the disk"
+    late = house.submit()
+    assert house.row(late).message == "waits until 200 MB are free on the disk"
+    house.end(running, 75)
+    row = house.row(running)
+    assert (row.state, row.message) == ("paused", "waits until 200 MB are free on the disk")
+    house.tick(100)
+    assert house.started == [running]
+    house.free = 10**12
+    house.tick(10)
+    assert house.row(waiting).message == ""
+    assert house.started == [running, running]
+
+
+def test_a_race_that_finds_the_disk_full_waits(house):
+    job = house.submit()
+    house.tick()
+    (house.store.folder(job) / "output.txt").write_text(
+        "Error: x: results cannot be written: No space left on device\n"
+    )
+    house.end(job, 1)
+    row = house.row(job)
+    assert (row.state, row.message) == ("paused", "waits until there is space on the disk")
+    house.tick()
+    assert house.started == [job]
+    house.tick(10)
+    assert house.started == [job, job]
+
+
+def test_the_end_of_a_race_is_noted_when_there_is_space(house, monkeypatch):
+    """While it cannot be noted, other jobs are looked after."""
+    house = House(house.data / "two", house.raced, races=2)
+    first, second = house.submit("ann"), house.submit("bob")
+    house.tick()
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("mercator_design.serve.jobs.store.write_text", full)
+        house.race(first)
+        for _ in range(5):
+            house.end(first, -9)
+        house.race(second, lines=30)
+        house.tick()
+        assert house.row(second).experiments > 0
+    house.tick()
+    assert house.state(first) == "succeeded"
+    house.index.close()
+
+
+def test_a_submission_that_cannot_be_listed_is_not_kept(house, monkeypatch):
+    def full(*_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(house.index, "put", full)
+        with pytest.raises(sqlite3.OperationalError):
+            house.submit()
+    assert house.store.ids() == []
+
+
+def test_time_limit(furnished):
+    house = furnished(limits=Limits(hours=1))
+    job = house.submit()
+    house.tick()
+    house.tick(3590)
+    assert not house.processes[job].is_interrupted
+    house.tick(20)
+    house.end(job, 75)
+    row = house.row(job)
+    assert row.state == "failed"
+    assert row.message == "it has run for 1 h, the limit of this service; resume it to go on"
+    house.jobs.resume(job)
+    house.tick()
+    house.tick(3000)
+    assert not house.processes[job].is_interrupted
+
+
+def test_fair_share_between_users(furnished):
+    house = furnished(races=1)
+    ann = [house.submit("ann") for _ in range(3)]
+    bob = [house.submit("bob") for _ in range(2)]
+    urgent = house.submit("ann", priority=5)
+    for _ in range(6):
+        house.tick()
+        house.finish(house.started[-1])
+    assert house.started == [urgent, bob[0], ann[0], bob[1], ann[1], ann[2]]
+
+
+def test_running_jobs_of_a_user_are_limited(furnished):
+    house = furnished(races=3, limits=Limits(running=1))
+    ann = [house.submit("ann") for _ in range(3)]
+    bob = house.submit("bob")
+    house.tick()
+    assert sorted(house.started) == sorted([ann[0], bob])
+
+
+def test_a_race_for_each_place(furnished):
+    house = furnished(races=2)
+    jobs = [house.submit() for _ in range(4)]
+    house.tick()
+    assert house.started == jobs[:2]
+    house.finish(jobs[0])
+    assert house.started == jobs[:3]
+
+
+def test_idempotency(house):
+    job = house.submit(key="k1")
+    assert house.submit(key="k1") == job
+    assert house.submit(key="k2") != job
+    assert house.submit("bob", key="k1") != job
+    with pytest.raises(NotPossible, match="the key k1 was used for another job"):
+        house.submit(key="k1", budget=100)
+    house.crash()
+    assert house.submit(key="k1") == job
+
+
+def test_jobs_of_a_user_are_limited(furnished):
+    house = furnished(limits=Limits(jobs=2, budget=100))
+    house.submit()
+    job = house.submit()
+    with pytest.raises(LimitReached, match="expected at most 2 jobs of ann that have not ended, found 2"):
+        house.submit()
+    house.submit("bob")
+    house.jobs.cancel(job)
+    house.submit()
+    with pytest.raises(LimitReached, match="budget: expected at most 100, found 101"):
+        house.submit("cid", budget=101)
+
+
+def test_delete(house):
+    running, done = house.submit(), house.submit()
+    house.tick()
+    with pytest.raises(NotPossible, match="cannot delete a job that is running"):
+        house.jobs.delete(running)
+    house.finish(running)
+    house.jobs.delete(running)
+    assert house.row(running) is None
+    assert not house.store.run_folder(running).exists()
+    house.crash()
+    assert [row.id for row in house.index.all()] == [done]
+
+
+def test_a_deletion_that_a_crash_has_interrupted_ends_at_the_next_start(house, monkeypatch):
+    job = house.submit()
+    house.tick()
+    house.finish(job)
+    with monkeypatch.context() as patch:
+        patch.setattr(house.store, "_finish_deletion", lambda _: None)
+        house.jobs.delete(job)
+    assert house.store.run_folder(job).exists()
+    house.crash()
+    assert not house.store.run_folder(job).exists()
+    assert house.index.all() == []
+    assert [*house.data.glob(".service/deleted-*")] == []
+
+
+def test_a_run_folder_that_cannot_be_deleted_stays_with_its_job(house, monkeypatch):
+    job = house.submit()
+    house.tick()
+    house.finish(job)
+
+    def refused(_):
+        raise OSError(errno.EACCES, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(house.store, "_finish_deletion", refused)
+        with pytest.raises(OSError, match="Permission denied"):
+            house.jobs.delete(job)
+    assert house.store.read(job).owner == "ann"
+    assert house.state(job) == "succeeded"
+
+
+def test_a_damaged_job_does_not_hold_up_others(furnished):
+    house = furnished(races=2)
+    waiting, running, other = house.submit("ann"), house.submit("bob"), house.submit("cid")
+    (house.store.folder(waiting) / "job.json").write_text("{")
+    house.tick()
+    house.tick()
+    assert (house.state(waiting), house.row(waiting).message) == ("failed", "the file of this job is damaged")
+    assert sorted(house.started) == sorted([running, other])
+    file = house.store.folder(running) / "job.json"
+    before = file.read_text()
+    file.write_text(json.dumps({"format": 2}))
+    house.tick()
+    house.finish(other)
+    assert house.state(other) == "succeeded"
+    file.write_text(before)
+    house.finish(running)
+    assert house.state(running) == "succeeded"
+    house.crash()
+    assert house.state(waiting) == "failed"
+
+
+def test_a_damaged_journal_fails_its_job_alone(house):
+    job = house.submit()
+    house.race(job, lines=30)
+    journal = house.store.run_folder(job) / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b'"experiment"', b'"experimental"', 1))
+    house.tick()
+    row = house.row(job)
+    assert row.state == "failed"
+    assert "journal.jsonl, line" in row.message
+
+
+def test_old_run_folders_are_shown(house, raced):
+    shutil.copytree(raced, house.data / "old run")
+    (house.data / "empty").mkdir()
+    (house.data / "empty/journal.jsonl").touch()
+    (house.data / "damaged").mkdir()
+    first, _, third = (raced / "journal.jsonl").read_bytes().splitlines(keepends=True)[:3]
+    (house.data / "damaged/journal.jsonl").write_bytes(first + b"?\n" + third)
+    (house.data / "device").mkdir()
+    (house.data / "device/journal.jsonl").mkdir()
+    house.crash()
+    rows = {row.id: row for row in house.index.all()}
+    assert rows.keys() == {"old run", "damaged", "device"}
+    old = rows["old run"]
+    assert (old.state, old.owner, old.is_job, old.name) == ("succeeded", "", False, "aggregation")
+    assert (old.experiments, old.budget, old.direction) == (BUDGET, BUDGET, "maximise")
+    assert rows["damaged"].state == rows["device"].state == "failed"
+    for operation in (house.jobs.pause, house.jobs.resume, house.jobs.cancel, house.jobs.delete):
+        with pytest.raises(NotPossible, match="it is not a job of this service"):
+            operation("old run")
+    with pytest.raises(NotPossible, match="it is not a job of this service"):
+        house.jobs.extend("old run", 10**4)
+
+
+def test_run_folders_come_run_and_go_while_the_service_runs(house, raced):
+    folder = house.data / "new"
+    shutil.copytree(raced, folder)
+    journal = folder / "journal.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(b"".join(whole.splitlines(keepends=True)[:30]))
+    with locked(folder):
+        house.tick(5)
+        assert house.state("new") == "running"
+    house.tick(5)
+    assert house.state("new") in ("paused", "failed")
+    journal.write_bytes(whole)
+    house.tick(5)
+    assert house.state("new") == "succeeded"
+    shutil.rmtree(folder)
+    house.tick(5)
+    assert house.row("new") is None
+
+
+def test_odd_names_of_run_folders_are_left_out(house, raced):
+    shutil.copytree(raced, house.data / "a\nb")
+    shutil.copytree(raced, house.data / ".hidden")
+    house.crash()
+    assert house.index.all() == []
+
+
+def test_a_start_with_odd_values_is_damaged(house, raced):
+    from mercator_design.config.checked_lines import to_line
+
+    start = json.loads((raced / "journal.jsonl").read_text().splitlines()[0])
+    start.pop("crc")
+    for number, change in enumerate(
+        ({"seed": 10**30}, {"name": "\ud800"}, {"name": None}, {"seed": None}, {"task": 3})
+    ):
+        folder = house.data / f"odd{number}"
+        folder.mkdir()
+        (folder / "journal.jsonl").write_text(to_line(start | change))
+    house.crash()
+    assert {row.id for row in house.index.all()} == {f"odd{number}" for number in range(5)}

@@ -44,7 +44,7 @@ SLOW = """
 import time
 from mercator_design.robot.run.mercator import Mercator
 close = Mercator.close
-Mercator.close = lambda robot: (close(robot), time.sleep(1.0))
+Mercator.close = lambda robot: (close(robot), time.sleep(0.5))
 """
 """Lets a run keep its ports for a while after its end."""
 
@@ -89,7 +89,7 @@ class Robot:
 
     def drives(self):
         """Wait until it has driven for some cycles."""
-        self.devices.when(lambda: self.devices.driven() > 2 or self.process.poll() is not None)
+        self.devices.when(lambda: self.devices.driven() > 1 or self.process.poll() is not None)
         assert self.process.poll() is None, self.process.stderr.read()
 
     def fault(self):

@@ -79,11 +79,11 @@ def never_drove(robot, words, code=4):
 @pytest.mark.timing
 @made_in_time
 def test_it_begins_when_it_was_told_to_and_then_needs_nobody(tmp_path):
-    with awaiting(tmp_path, GO, "", "", "--duration", "1") as (robot, leader):
+    with awaiting(tmp_path, GO, "", "", "--duration", "0.3") as (robot, leader):
         found = leader.measure()
         assert abs(found.offset) <= found.uncertainty  # of the same clock
         assert not (tmp_path / "log.jsonl").read_text()
-        at = leader.offer(1.0, offset=time.time() - time.monotonic() - 7.0)
+        at = leader.offer(0.5, offset=time.time() - time.monotonic() - 7.0)
         leader.hear("accepted")
         leader.say(to_line("go"))
         leader.hear("going")
@@ -198,7 +198,7 @@ def test_what_stops_a_robot_while_it_waits(robot, waits, fault, words, code):
 @pytest.mark.timing
 def test_the_swarm_is_told_to_stop_while_it_waits(tmp_path):
     with awaiting(tmp_path) as (robot, leader), Speaker(["127.0.0.1"], robot.port) as speaker:
-        speaker.stop()
+        speaker.stop(0.2)
         assert next(failures(leader))["why"] == "swarm: stop received from 127.0.0.1"
         never_drove(robot, "swarm: stop received from 127.0.0.1")
 
@@ -261,7 +261,7 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
 
 @pytest.mark.timing
 def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
-    lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 1.5\n"
+    lead = SOON + "from mercator_design.robot.protocols import joint_start; joint_start.SILENCE = 1.0\n"
 
     def attempt(number):
         with awaiting(tmp_path / str(number), lead=lead) as (robot, leader):
@@ -270,8 +270,8 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
             leader.hear("started")
             began = time.monotonic()
             assert robot.process.wait(60.0) == 4
-            assert "nothing received for 1.5 s" in robot.process.stderr.read()
-            return robot.devices.told_to_rest(began) - 1.5
+            assert "nothing received for 1 s" in robot.process.stderr.read()
+            return robot.devices.told_to_rest(began) - 1.0
 
     assert soonest(attempt) <= LATEST
 

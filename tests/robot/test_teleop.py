@@ -319,11 +319,10 @@ class TestDriving:
     @pytest.mark.timing
     def test_ways_speeds_and_silence(self, tmp_path):
         with driving(tmp_path, "-o", "drive.jsonl") as drive:
-            for key in (UP, b"s", b"a", b"\x1b[C"):
+            for key in (UP, b"s", b"a", b"\x1b[C", b" "):
+                before = len(drive.devices.wheels)
                 drive.press(key)
-                time.sleep(0.3)
-            drive.press(b" ")
-            time.sleep(0.2)
+                drive.devices.when(lambda before=before: len(drive.devices.wheels) > before)
             told = {(round(left, 4), round(right, 4)) for _, left, right in drive.devices.wheels}
             assert told == {(0.0, 0.0), (0.15, 0.15), (-0.15, -0.15), (-0.075, 0.075), (0.075, -0.075)}
             drive.press(b"q")
@@ -401,7 +400,7 @@ class TestDriving:
                 while True:
                     os.write(drive.terminal, b"x" * 100)
             with drive.holding():
-                time.sleep(1.0)
+                time.sleep(0.5)
                 assert drive.process.poll() is None
                 left, right = drive.devices.wheels[-1][1:]
                 assert left == right == pytest.approx(0.15)
@@ -500,7 +499,7 @@ class TestWaysOut:
 
     @pytest.mark.parametrize(
         ("fault", "code", "words"),
-        [("1 / 0", 1, "ZeroDivisionError"), ("time.sleep(1.0)", 4, "the control loop stalled")],
+        [("1 / 0", 1, "ZeroDivisionError"), ("time.sleep(0.5)", 4, "the control loop stalled")],
     )
     def test_the_program_fails(self, fault, code, words, tmp_path):
         def attempt(number):

@@ -49,8 +49,8 @@ def calibrate(mdesign, tmp_path):
     return run
 
 
-def only(sensor):
-    return {sensor: CENTRES[sensor]}
+def only(*sensors):
+    return {sensor: CENTRES[sensor] for sensor in sensors}
 
 
 def test_every_sensor(calibrate, mdesign, tmp_path):
@@ -85,7 +85,7 @@ def test_every_sensor(calibrate, mdesign, tmp_path):
 def test_the_page_and_the_model_tell_what_was_found(mdesign, tmp_path):
     given = NOISE | {"velocity": recordings.gaussian(0.0), "ground": recordings.gaussian(0.0)}
     sensors = ("proximity", "ground", "velocity")
-    file = write(tmp_path / "still.jsonl", measured(noise=given, centres={name: CENTRES[name] for name in sensors}))
+    file = write(tmp_path / "still.jsonl", measured(noise=given, centres=only(*sensors)))
     code, out, err = mdesign("calibrate", file, "-o", tmp_path / "model.yaml")
     assert (code, err) == (0, "")
     title, *rows = out.splitlines()
@@ -103,9 +103,10 @@ def test_the_page_and_the_model_tell_what_was_found(mdesign, tmp_path):
 
 def test_a_robot_that_is_moved_between_is_seen_in_two_places(calibrate, tmp_path):
     """As one that is put from one colour on another."""
-    parts = [measured(20.0, seed) for seed in (1, 2, 3)]
+    centres = only("ground", "attitude", "turning")
+    parts = [measured(20.0, seed, centres=centres) for seed in (1, 2, 3)]
     found = {}
-    for sensor in CENTRES:
+    for sensor in centres:
         times = np.concatenate([20.0 * k + part[sensor][0] for k, part in enumerate(parts)])
         values = [part[sensor][1] for part in parts]
         if sensor == "attitude":
@@ -127,7 +128,7 @@ def test_a_robot_that_is_moved_between_is_seen_in_two_places(calibrate, tmp_path
 
 def test_a_robot_that_is_driven_rests_before_and_after(tmp_path):
     """However slowly it goes."""
-    found = measured(40.0)
+    found = measured(40.0, centres=only("ground", "attitude"))
     times = np.arange(0.0, 40.0, 0.05)
     found["wheels"] = times, np.where((times > 15.0) & (times < 22.0), 1e-3, 0.0)[:, np.newaxis] * [1.0, 1.0]
     recording = read_recording(write(tmp_path / "drive.jsonl", found))
@@ -342,7 +343,7 @@ def test_a_base_of_one_s_own(calibrate, tmp_path):
     folder = tmp_path / "models"
     folder.mkdir()
     (folder / "blind.yaml").write_text("schema: 1\nbase: mercator\nlidar: null\nneighbours: null\nbody: {mass: 3.0}\n")
-    file = write(tmp_path / "still.jsonl", measured())
+    file = write(tmp_path / "still.jsonl", measured(centres=only("lidar", "turning")))
     sensors, notes, _ = calibrate(file, "--base", folder / "blind.yaml")
     assert "lidar" not in sensors
     assert "lidar: recorded, but blind has no such sensor" in notes
@@ -363,7 +364,7 @@ def test_the_seed_decides(mdesign, tmp_path):
 
 def test_samples_that_came_at_one_time_are_left_out(calibrate, tmp_path):
     """As after the program was held up."""
-    found = measured(centres={name: CENTRES[name] for name in ("proximity", "velocity")})
+    found = measured(centres=only("proximity", "velocity"))
     times, values = found["proximity"]
     found["proximity"] = np.full_like(times, 20.0), values
     sensors, notes, _ = calibrate(write(tmp_path / "still.jsonl", found))

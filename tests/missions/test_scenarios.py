@@ -1,5 +1,6 @@
 """Every shipped mission is tested by being there: what it says, that robots fit, and the scores of three FSMs."""
 
+import functools
 import json
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -16,8 +17,11 @@ from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES
 
 ROOT = Path(__file__).parents[2]
 EXPECTED = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["missions"]
-FEW = 6
+FEW = 4
 """Experiments of each FSM, unless rounding may change most of its scores."""
+
+
+simulator_of = functools.cache(expected.simulator)
 
 
 @pytest.mark.parametrize("name", shipped.missions())
@@ -34,7 +38,7 @@ class TestEveryMission:
     def test_three_fsms_score_as_they_should(self, name):
         """Chance of failing by luck below 1e-6 for all missions together; see benchmarks/expected_scores.py."""
         assert name in EXPECTED, f"no scores of {name}; make them with: python benchmarks/expected_scores.py {name}"
-        simulator = expected.simulator(name)
+        simulator = simulator_of(name)
         for label, text in expected.fsms(simulator.mission)[1].items():
             entry = EXPECTED[name][label]
             n = FEW if entry["scores"].count(None) <= expected.RUNS // 2 else expected.RUNS
@@ -49,7 +53,7 @@ class TestEveryMission:
         scores = [score for entry in entries for score in entry["scores"] if score is not None]
         assert len(scores) >= 1.5 * expected.RUNS
         assert len(set(scores)) > 1
-        least, most = expected.possible(expected.simulator(name).mission)
+        least, most = expected.possible(simulator_of(name).mission)
         assert all(least <= entry["low"] <= entry["high"] <= most for entry in entries)
         # There robots cross hardly more often one way than the other.
         assert name == "directional_gate" or any(entry["low"] > least for entry in entries)
@@ -86,7 +90,7 @@ def run(simulator, text, n):
     ],
 )
 def test_another_mission_does_not_score_as_expected(name, changes):
-    mission = load_mission(name, [*changes, f"duration={expected.simulator(name).mission.duration}"])
+    mission = load_mission(name, [*changes, f"duration={simulator_of(name).mission.duration}"])
     simulator, texts = expected.Simulator(mission), expected.fsms(mission)[1]
     assert any(
         expected.unlike(run(simulator, texts[label], FEW), EXPECTED[name][label]["scores"][:FEW]) for label in texts

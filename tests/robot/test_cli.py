@@ -210,7 +210,8 @@ class TestStop:
         assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
         assert err == "Error: slow: its name could not be looked up in time\n"
 
-    def test_none_answers(self, robot_command, robot):
+    def test_none_answers(self, robot_command, robot, monkeypatch):
+        monkeypatch.setattr(Speaker.stop, "__defaults__", (0.1,))
         code, out, err = robot_command("stop", "127.0.0.1", "--port", robot[1])
         assert (code, out) == (1, "")
         assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}\n"
@@ -233,7 +234,8 @@ class TestStop:
             resource.setrlimit(resource.RLIMIT_NOFILE, usual)
         assert (code, out, err) == (0, "r2 (127.0.0.1) has stopped\n", "")
 
-    def test_a_host_that_is_not_known(self, robot_command):
+    def test_a_host_that_is_not_known(self, robot_command, monkeypatch):
+        monkeypatch.setattr(Speaker.stop, "__defaults__", (0.1,))
         code, _, err = robot_command("stop", "no..such..host")
         assert (code, err) == (1, "Error: no..such..host: no such host\n")
 
@@ -294,6 +296,7 @@ class TestKeys:
                     raise Signalled("", 130)
 
             monkeypatch.setattr(Speaker, "beat", beat)
+            monkeypatch.setattr(Speaker.stop, "__defaults__", (0.1,))
             code, out, err = robot_command("heartbeat", "127.0.0.1", "--port", port, *options)
             return code, out + err, came, heartbeats.heard
 

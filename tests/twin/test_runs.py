@@ -65,7 +65,7 @@ def test_a_run_from_start_to_end(tmp_path):
 
 def a_run_from_start_to_end(folder):
     folder.mkdir()
-    with twin(folder, 1), run(folder, 0, EXPLORE, 1.5) as process:
+    with twin(folder, 1), run(folder, 0, EXPLORE, 0.8) as process:
         _, messages = process.communicate(timeout=60)
         assert process.returncode == 0, messages
         assert "commands end seen after 0.3 s" in messages
@@ -73,7 +73,7 @@ def a_run_from_start_to_end(folder):
     assert {event["left"] for event in told} >= {0.0, 0.3}
     assert (told[-1]["left"], told[-1]["right"], told[-1]["by"]) == (0.0, 0.0, "drive_stop")
     decisions = [decision for _, decision in replay(folder / "run0.jsonl")]
-    assert len(decisions) == 15
+    assert len(decisions) == 8
     assert not any(decision.differs for decision in decisions)
 
 
@@ -82,7 +82,7 @@ def test_a_colour_is_measured(tmp_path):
     file = tmp_path / "mine.yaml"
     with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
         shutil.copy(tmp_path / "0" / "robot.yaml", file)
-        with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, **PIPES) as process:
+        with start("calibrate", "color", "white", "--seconds", 0.3, "--robot", file, **PIPES) as process:
             labels, said = process.communicate("\n", timeout=60)
     assert read_settings(file).labels == {"white": (255, 255, 255)}, said
     assert (process.returncode, labels) == (0, "labels:\n  white: [255, 255, 255]\n"), said

@@ -432,9 +432,12 @@ def command(*arguments):
 
 class TestTheCommand:
     @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
-    def test_it_ends_and_leaves_only_the_log(self, tmp_path, number):
+    def test_it_runs_before_runs_and_ends_and_leaves_only_the_log(self, tmp_path, number):
         with command("aggregation", "--folder", tmp_path, "--set", "robots=2", "--no-noise") as process:
             lines = [process.stdout.readline().strip() for _ in range(2)]
+            if may_go_first():
+                assert os.sched_getscheduler(process.pid) == os.SCHED_RR
+                assert os.sched_getparam(process.pid).sched_priority > 2  # that of a run's watchdog
             assert lines == [f"robot {n}: {tmp_path}/{n}/robot.yaml" for n in range(2)]
             with open_ports(port_names(tmp_path / "1" / "robot.yaml")) as ports:
                 host = rvr.Host()
@@ -446,13 +449,6 @@ class TestTheCommand:
         assert process.returncode == 0
         assert "of a core for each second; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]
-
-    @pytest.mark.skipif(not may_go_first(), reason="this user may not raise a priority")
-    def test_it_runs_before_runs(self, tmp_path):
-        with command("aggregation", "--folder", tmp_path, "--set", "robots=1", "--no-noise") as process:
-            assert process.stdout.readline().startswith("robot 0")
-            assert os.sched_getscheduler(process.pid) == os.SCHED_RR
-            assert os.sched_getparam(process.pid).sched_priority > 2  # that of a run's watchdog
 
     def test_a_signal_ends_it_at_once_while_it_compiles(self, run_command, tmp_path, monkeypatch):
         found = []
@@ -491,10 +487,12 @@ class TestTheCommand:
         words = f"Error: {tmp_path}/2 exists and is not a folder; move it, or choose another folder\n"
         assert run_command(*line) == (1, "", words)
 
-    def test_it_ends_by_itself(self, tmp_path):
-        with command("aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7") as process:
-            process.communicate(timeout=120)
-        assert process.returncode == 0
+    def test_it_ends_by_itself(self, run_command, tmp_path):
+        line = ["mercator-robot", main, "twin", "aggregation", "--folder", tmp_path, "--duration", "0.5", "--seed", "7"]
+        try:
+            assert run_command(*line)[0] == 0
+        finally:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         poses = events(tmp_path, "poses")
         assert poses[-1]["time"] == pytest.approx(0.5, abs=0.11)
         assert len(poses[0]["poses"]) == 3

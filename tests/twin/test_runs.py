@@ -82,7 +82,7 @@ def test_a_colour_is_measured(tmp_path):
     file = tmp_path / "mine.yaml"
     with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
         shutil.copy(tmp_path / "0" / "robot.yaml", file)
-        with start("calibrate", "color", "white", "--seconds", 0.3, "--robot", file, **PIPES) as process:
+        with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, **PIPES) as process:
             labels, said = process.communicate("\n", timeout=60)
     assert read_settings(file).labels == {"white": (255, 255, 255)}, said
     assert (process.returncode, labels) == (0, "labels:\n  white: [255, 255, 255]\n"), said

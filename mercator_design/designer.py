@@ -168,21 +168,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         }
 
     def header(self) -> dict[str, str]:
-        header = {
-            "mission": self.name,
-            "mission digest": self.simulator.mission.digest,
-            "robot model": self.simulator.robot_model.name,
-            "robot model digest": digest_of(self.simulator.robot_model),
-            "kernels": kernels_digest()[:16],
-            "control software": control_digest(),
-            "control period": str(self.simulator.mission.control_period),
-            "maximum speed": str(self.simulator.robot_model.drive.maximum_speed),
-            "reference model": json.dumps(_unusual(self.simulator.robot_model.reference_model)),
-        }
-        header["floor"] = ", ".join(robot_labels(self.simulator.mission.floor, self.simulator.robot_model))
-        if plugins := loaded_plugins():
-            header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
-        return header
+        return header_of(self.simulator)
 
     def prepare(self, announce: Callable[[str], None]) -> None:
         """As `Task.prepare`: compile the simulator."""
@@ -252,6 +238,26 @@ class Designer(Task[tuple[Pfsm, int]]):
         space = _space(start["flavour"])
         for configuration in configurations:
             space.check(configuration)
+
+
+def header_of(simulator: Simulator) -> dict[str, str]:
+    """What an fsm.txt for a mission and its robots says of them."""
+    mission, model = simulator.mission, simulator.robot_model
+    header = {
+        "mission": mission.name,
+        "mission digest": mission.digest,
+        "robot model": model.name,
+        "robot model digest": digest_of(model),
+        "kernels": kernels_digest()[:16],
+        "control software": control_digest(),
+        "control period": str(mission.control_period),
+        "maximum speed": str(model.drive.maximum_speed),
+        "reference model": json.dumps(_unusual(model.reference_model)),
+        "floor": ", ".join(robot_labels(mission.floor, model)),
+    }
+    if plugins := loaded_plugins():
+        header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
+    return header
 
 
 @cache

@@ -19,7 +19,7 @@ _MAX_SIZE = 64 * 1024
 _MAX_SET = 4 * 1024 * 1024
 _FLAVOUR, _NAMES = "flavour", "state names"
 """Keys of the header of an fsm.txt that say what the PFSM is; the others say what is known of it."""
-_IS_YAML = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
+_YAML_BEGINS = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
 """How the first line of an fsm.yaml begins that is no comment."""
 
 
@@ -53,14 +53,18 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     Raises:
         FsmError: naming file and line.
     """
-    text, is_yaml = _contents(path, _MAX_SIZE)
-    if is_yaml:
-        return _read_yaml(text, path, flavour, tolerate)
+    return fsm_of(_contents(path, _MAX_SIZE), str(path), flavour, tolerate=tolerate)
+
+
+def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
+    """As `read_fsm`, of the text of a file; `label` names it in errors."""
+    if _is_yaml(text):
+        return _read_yaml(text, label, flavour, tolerate)
     header, found = _lines(text)
     if len(found) != 1:
         where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
-        raise FsmError(f"{path}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
-    return _read_line(*found[0], header, path, flavour, tolerate)
+        raise FsmError(f"{label}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
+    return _read_line(*found[0], header, label, flavour, tolerate)
 
 
 def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> dict[int, FsmFile]:
@@ -69,34 +73,38 @@ def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None =
     The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
     `read_fsm`.
     """
-    text, is_yaml = _contents(path, _MAX_SET)
+    text = _contents(path, _MAX_SET)
     header, found = _lines(text)
-    if is_yaml or len(found) < 2:
+    if _is_yaml(text) or len(found) < 2:
         return {1: read_fsm(path, flavour, tolerate=tolerate)}
-    return {number: _read_line(number, line, header, path, flavour, tolerate) for number, line in found}
+    return {number: _read_line(number, line, header, str(path), flavour, tolerate) for number, line in found}
 
 
-def _contents(path: Path, max_size: int) -> tuple[str, bool]:
-    """The text of a file, and whether it is an fsm.yaml."""
+def _contents(path: Path, max_size: int) -> str:
+    """The text of a file."""
     try:
-        text = read_small(path, max_size).decode("utf-8-sig")
+        return read_small(path, max_size).decode("utf-8-sig")
     except Unreadable as error:
         raise FsmError(f"{path}: {error}") from None
     except UnicodeDecodeError as error:
         raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
+
+
+def _is_yaml(text: str) -> bool:
+    """Whether a text is an fsm.yaml."""
     content = (line.strip() for line in text.splitlines())
     first = next((line for line in content if line and not line.startswith("#")), "")
-    return text, _IS_YAML.match(first) is not None
+    return _YAML_BEGINS.match(first) is not None
 
 
-def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Tell | None) -> FsmFile:
     from mercator_design.fsm.yaml_form import parse_yaml
 
     lenient = tolerate is not None
     try:
-        named = parse_yaml(text, str(path), flavour, any_domain=lenient)
+        named = parse_yaml(text, label, flavour, any_domain=lenient)
     except FsmError as error:
-        hint = other_flavour(flavour, lambda other: parse_yaml(text, str(path), other, any_domain=lenient))
+        hint = other_flavour(flavour, lambda other: parse_yaml(text, label, other, any_domain=lenient))
         raise FsmError(*error.messages[:-1], error.messages[-1] + hint) from None
     pfsm = named.pfsm(any_domain=lenient)
     if tolerate:
@@ -105,7 +113,7 @@ def _read_yaml(text: str, path: Path, flavour: str | None, tolerate: Tell | None
     for key in (_FLAVOUR, _NAMES):
         if key in header:
             raise FsmError(
-                f"{path}: header: expected no key '{key}': an fsm.yaml says this at its top and in its states"
+                f"{label}: header: expected no key '{key}': an fsm.yaml says this at its top and in its states"
             )
     return FsmFile(pfsm=pfsm, header=header, names=named.names)
 
@@ -125,22 +133,22 @@ def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
 
 
 def _read_line(
-    number: int, line: str, header: Mapping[str, str], path: Path, flavour: str | None, tolerate: Tell | None
+    number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Tell | None
 ) -> FsmFile:
     """Read a line with a PFSM."""
     header = dict(header)
     named = header.pop(_FLAVOUR, FLAVOURS[0])
     if flavour is None and named not in FLAVOURS:
         known = ", ".join(FLAVOURS)
-        raise FsmError(f"{path}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
+        raise FsmError(f"{label}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
     try:
         pfsm = parse(line, flavour or named, tolerate=tolerate)
     except FsmError as error:
-        raise FsmError(f"{path}:{number}: {error}") from None
+        raise FsmError(f"{label}:{number}: {error}") from None
     names = tuple(name.strip() for name in header.pop(_NAMES).split(",")) if _NAMES in header else ()
     if names and not (len(set(names)) == len(names) == len(pfsm.states) and all(map(is_state_name, names))):
         expected = f"expected {len(pfsm.states)} different names with commas between"
-        raise FsmError(f"{path}: {_NAMES} in the header: {expected}, found '{excerpt(', '.join(names))}'")
+        raise FsmError(f"{label}: {_NAMES} in the header: {expected}, found '{excerpt(', '.join(names))}'")
     return FsmFile(pfsm=pfsm, header=header, names=names)
 
 

@@ -4,6 +4,7 @@ settings      limits and workers, from serve.yaml
 service       puts the parts together
 jobs/         jobs: their files, their index, who is next, the processes that run races
 accounts/     users, tokens, sessions, the guard in front of every request
+designs       FSMs that users keep
 desk/         short work in helper processes: previews, evaluations, replays, reports
 http/         the HTTP API
 web/          the pages and their assets

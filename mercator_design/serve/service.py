@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from mercator_design.race.running.executors import available_jobs
+from mercator_design.serve.designs import Designs
 from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.index import Index
 from mercator_design.serve.jobs.operations import Operations
@@ -33,6 +34,7 @@ class Service:
     supervisor: Supervisor = field(init=False)
     jobs: Operations = field(init=False)
     desk: Desk = field(init=False)
+    designs: Designs = field(init=False)
     _lock: int = field(init=False)
     _empty: "tempfile.TemporaryDirectory[str]" = field(init=False)
 
@@ -53,6 +55,7 @@ class Service:
         cores = settings.jobs or max(1, available_jobs() // settings.races)
         self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, cores))
         self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
+        self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
         self._empty = tempfile.TemporaryDirectory(prefix="mercator_design-")
         self.desk = Desk(settings.helpers, settings.helper_seconds, settings.plugins, Path(self._empty.name))
         self.supervisor.start()

@@ -27,7 +27,8 @@ class Limits:
     hours: Annotated[float, Range(0.0, exclusive_low=True)] = 48.0  # a job may run
     jobs: _Count = 1000  # of a user that have not ended
     running: _Count = 100  # of a user at the same time
-    runs: _Count = 1000  # experiments of an evaluation
+    runs: _Count = 1000  # instances of an evaluation
+    designs: _Count = 500  # of a user
     disk: _Megabytes = 20_000  # of a user's jobs [MB]
     free_disk: _Megabytes = 200  # below it, races pause [MB]
 

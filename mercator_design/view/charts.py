@@ -66,7 +66,7 @@ class Bars(NamedTuple):
 
 
 class Dot(NamedTuple):
-    """A row: a value with its interval, the single values behind it, and a remark."""
+    """A row: a value with its interval, the single values behind it, with their quartiles, and a remark."""
 
     name: str
     middle: float
@@ -75,6 +75,7 @@ class Dot(NamedTuple):
     values: Sequence[float] = ()
     remark: str = ""
     colour: int = 0
+    quartiles: tuple[float, float, float] | None = None
 
 
 class Thread(NamedTuple):
@@ -159,7 +160,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
 
 
 def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
-    """A row for each value: a dot with its interval, before its single values."""
+    """A row for each value: a dot with its interval, before its single values and the box of their quartiles."""
     left = 14.0 + 7.0 * max(len(unescape(label(row.name))) for row in rows)
     right = 16.0 + 7.0 * max(len(row.remark) for row in rows)
     frame = _Frame(
@@ -182,6 +183,12 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
             f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
             for value in row.values
         ]
+        if row.quartiles is not None:
+            lower, median, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)
+            drawn.append(
+                f'<path d="M{lower:.1f} {y - 8:.1f}H{upper:.1f}v16H{lower:.1f}zM{median:.1f} {y - 8:.1f}v16" '
+                f'fill="{colour}" fill-opacity=".14" stroke="{colour}" stroke-opacity=".6"/>'
+            )
         drawn.append(
             f'<g data-name="{escaped(row.name)}" data-mean="{row.middle:.6g}" data-low="{row.low:.6g}" '
             f'data-high="{row.high:.6g}"><title>{escaped(row.name)}: {number(row.middle)}, {number(row.low)} to '

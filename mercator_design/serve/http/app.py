@@ -6,6 +6,7 @@ from starlette.types import ASGIApp
 from mercator_design import __version__
 from mercator_design.serve.accounts.guard import Guard
 from mercator_design.serve.http import events, files, jobs
+from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
 from mercator_design.serve.web import assets
@@ -29,6 +30,6 @@ def application(service: Service) -> FastAPI:
     )
     app.state.service = service
     report_problems(app)
-    for room in (jobs, events, files, assets, job_pages):
+    for room in (jobs, events, files, fsms, designs, assets, job_pages):
         app.include_router(room.router)
     return app

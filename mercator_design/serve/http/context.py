@@ -33,14 +33,19 @@ def may_change(user: User, row: Row) -> bool:
     return row.is_job and (user.is_admin or row.owner == user.name)
 
 
-def _visible(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Row:
+def visible_job(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Row:
+    """A job that the user may see.
+
+    Raises:
+        Missing: There is none.
+    """
     row = service.index.get(identity)
     if row is None or not may_see(user, row):
         raise Missing(f"there is no job {identity}")
     return row
 
 
-VisibleJob = Annotated[Row, Depends(_visible)]
+VisibleJob = Annotated[Row, Depends(visible_job)]
 
 
 def _own(user: TheUser, row: VisibleJob) -> Row:

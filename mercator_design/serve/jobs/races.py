@@ -45,15 +45,22 @@ class RaceStatus:
         return self._reading.record
 
     @property
+    def leader(self) -> int | None:
+        """The number of the winner, or of the best after the last iteration."""
+        record = self.record
+        if record.ends and record.is_complete:
+            return record.ends[-1].winner
+        return record.ended[-1].elites[0] if record.iterations else None
+
+    @property
     def best(self) -> float | None:
-        """The mean score of the winner, or of the best after the last iteration."""
+        """The mean score of the leader."""
         record = self.record
         if not (record.iterations or record.ends):
             return None
         key = (len(record.iterations), len(record.ends), len(record.budgets), sum(map(len, record.revised.values())))
         if key != self._key:  # hot: asked several times a second, and all experiments are looked at
-            ended = record.ends and record.is_complete
-            scores = record.scores_of(record.ends[-1].winner if ended else record.ended[-1].elites[0])
+            scores = {} if self.leader is None else record.scores_of(self.leader)
             self._key, self._best = key, fmean(scores.values()) if scores else None
         return self._best
 

@@ -76,8 +76,7 @@ class Store:
         Raises:
             OSError: It cannot be written.
         """
-        stem = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "mission"
-        identity = f"{stem}-{''.join(secrets.choice(_ALPHABET) for _ in range(10))}"
+        identity = new_id(name)
         job = Job(id=identity, owner=owner, name=name, direction=direction, request=request, submitted=_time(), key=key)
         folder = self.folder(identity)
         folder.mkdir()
@@ -170,6 +169,12 @@ class Store:
 
     def _write(self, job: Job) -> None:
         write_text(self.folder(job.id) / _JOB, json.dumps(plain(job), indent=1) + "\n")
+
+
+def new_id(name: str) -> str:
+    """An id that nothing else has, which begins with a name."""
+    stem = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "mission"
+    return f"{stem}-{''.join(secrets.choice(_ALPHABET) for _ in range(10))}"
 
 
 def size_of(folder: Path) -> int:

@@ -1,0 +1,210 @@
+"""Work on FSMs for the desk: checks, evaluations, replays."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from mercator_design.api import Evaluation
+from mercator_design.config import shipped
+from mercator_design.config.writing import digest_of, dump, plain
+from mercator_design.designer import header_of
+from mercator_design.errors import FsmError, MissionError
+from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
+from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.explain import explanation
+from mercator_design.fsm.yaml_form import parse_yaml
+from mercator_design.race.racing.summary import Scores
+from mercator_design.report.evaluations import Comparison, Evaluated, comparison_data
+from mercator_design.report.page.markup import p_text
+from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of
+from mercator_design.serve.settings import Limits
+from mercator_design.sim.checks.lint import lint
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
+from mercator_design.view.charts import Axis, Dot, interval_chart
+from mercator_design.view.experiment import ShownExperiment
+from mercator_design.view.machines.diagram import diagram_svg
+from mercator_design.view.replay import Replay, replay_of
+
+_CYCLE = 0.1  # [s] of missions that say nothing else
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machines:
+    """FSMs that run on the same instances of a mission."""
+
+    fsms: tuple[FsmSource, ...]
+    mission: MissionSource
+    limits: Limits
+
+    def read(self) -> tuple[Simulator, list[FsmFile]]:
+        """The simulator, and the FSMs.
+
+        Raises:
+            MercatorError: One of them is not valid, or the robots cannot run it.
+        """
+        simulator = Simulator(self.mission.read(self.limits))
+        found = [one.read() for one in self.fsms]
+        for one in found:
+            simulator.check(one.pfsm)
+        return simulator, found
+
+
+def checked(fsm: FsmSource, mission: MissionSource | None, limits: Limits) -> dict[str, Any]:
+    """What is to be said of an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it.
+
+    Raises:
+        MissionError: The mission is not valid.
+    """
+    simulator = None if mission is None else Simulator(mission.read(limits))
+    try:
+        found = fsm.read()
+    except FsmError as error:
+        start = f"{FSM}: " if "\n" in fsm.text.strip() else f"{FSM}:1: "  # the line of one line says nothing
+        return {"valid": False, "errors": [one.removeprefix(start) for one in error.messages]}
+    return {"valid": True, "errors": [], **forms(found, simulator)}
+
+
+def forms(found: FsmFile, simulator: Simulator | None = None) -> dict[str, Any]:
+    """An FSM as text, YAML, data, words and a picture; with findings, on a mission if one is known."""
+    on = None if simulator is None else (simulator.mission, simulator.robot_model)
+    written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
+    cycle = _CYCLE if simulator is None else simulator.mission.control_period
+    return {
+        "text": to_text(found.pfsm),
+        "file": fsm_file_text(found.pfsm, {} if simulator is None else header_of(simulator), found.names),
+        "yaml": written,
+        "structure": {key: value for key, value in plain(parse_yaml(written, FSM)).items() if key != "header"},
+        "explanation": explanation(found.pfsm, found.names, cycle),
+        "findings": [asdict(one) for one in lint(found.pfsm, found.names, *(on or ()))],
+        "diagram": diagram_svg(found.pfsm, found.names),
+    }
+
+
+def best_of(job: FsmSource, mission: MissionSource, limits: Limits) -> dict[str, Any]:
+    """The winner of a job, or its best so far, with its forms.
+
+    Raises:
+        RaceError: There is none yet.
+    """
+    assert job.folder is not None  # noqa: S101 - of a job
+    leader = leader_of(job.folder)
+    facts = {name: getattr(leader, name) for name in ("configuration", "mean", "runs", "is_winner")}
+    return {**facts, "fsm": {"valid": True, "errors": [], **forms(leader.fsm, Simulator(mission.read(limits)))}}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Scores of some experiments of an evaluation, and the time they took [s]."""
+
+    scores: tuple[float, ...]
+    seconds: float
+
+
+def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float) -> Part:
+    """Run the next experiments of an evaluation: all FSMs on the first instance, then on the second, ...
+
+    Args:
+        machines: The FSMs and the mission.
+        seeds: Of the instances.
+        done: The number of experiments that have run.
+        seconds: The time after which no further experiment begins.
+
+    Raises:
+        MercatorError: One of them cannot run.
+    """
+    simulator, fsms = machines.read()
+    simulator.rehearse(announce=lambda _: None)
+    begin, scores = time.monotonic(), list[float]()
+    for number in range(done, len(seeds) * len(fsms)):
+        instance, place = divmod(number, len(fsms))
+        scores.append(simulator.run(fsms[place].pfsm, seeds[instance]).score)
+        if time.monotonic() - begin > seconds:
+            break
+    return Part(tuple(scores), time.monotonic() - begin)
+
+
+def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequence[float]) -> dict[str, Any]:
+    """The figures of an evaluation, as `mdesign evaluate --json` has them for several FSMs; and a chart.
+
+    Args:
+        machines: The FSMs and the mission.
+        seeds: Of the instances.
+        seed: From which they come.
+        scores: In the order of `run_part`.
+    """
+    simulator, fsms = machines.read()
+    n = len(fsms)
+    evaluated = [
+        Evaluated(source.name, fsm.pfsm, Evaluation(scores=Scores(tuple(scores[k::n])), seeds=tuple(seeds)))
+        for k, (source, fsm) in enumerate(zip(machines.fsms, fsms, strict=True))
+    ]
+    found = Comparison(evaluated, simulator)
+    objective = simulator.mission.objective
+    axis = Axis(f"score ({objective.name}, {objective.direction})")
+    return {**comparison_data(found, simulator, seed=seed), "chart": interval_chart(_dots(found), axis)}
+
+
+def _dots(found: Comparison) -> list[Dot]:
+    dots = []
+    for k, one in enumerate(found.of):
+        p, scores = found.p_value(k), one.scores
+        remark = "best mean" if k == found.best and len(found.of) > 1 else "" if p is None else p_text(p)
+        dots.append(Dot(one.name, scores.mean, *scores.interval, scores.values, remark, k, scores.quartiles))
+    return dots
+
+
+def replays(machines: Machines, seed: int) -> list[Replay]:
+    """The replays of FSMs on the instance of a seed."""
+    simulator, fsms = machines.read()
+    return [
+        replay_of(
+            ShownExperiment.simulated(
+                simulator, one.pfsm, seed, title=f"{source.name} on {simulator.mission.name}, seed {seed}",
+                states=one.names,
+            )
+        )
+        for source, one in zip(machines.fsms, fsms, strict=True)
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewDesign:
+    """The files of a design, and what its file of facts says of them."""
+
+    fsm: str
+    mission: str
+    mission_name: str
+    direction: str
+
+
+def new_design(machines: Machines) -> NewDesign:
+    """The files of a design of one FSM.
+
+    Raises:
+        MercatorError: The FSM or its mission is not valid, or the mission has files of its own.
+    """
+    simulator, (fsm,) = machines.read()
+    mission = simulator.mission
+    return NewDesign(
+        fsm=fsm_file_text(fsm.pfsm, header_of(simulator), fsm.names),
+        mission=_text_without_files(simulator),
+        mission_name=mission.name,
+        direction=mission.objective.direction,
+    )
+
+
+def _text_without_files(simulator: Simulator) -> str:
+    """A mission as a text that names no file.
+
+    Raises:
+        MissionError: It has files of its own.
+    """
+    mission, model = simulator.mission, simulator.robot_model
+    if mission.floor.image is not None or mission.files:
+        raise MissionError(f"{mission.name}: expected a mission in one file, found one with files beside it")
+    known = model.name in shipped.robot_models() and digest_of(load_robot_model(model.name)) == digest_of(model)
+    if not known:
+        raise MissionError(f"{mission.name}: expected a shipped robot model, found {model.name} of its own")
+    return dump(mission.with_files(robot_model=model.name, image="", named=lambda file: file.copy))

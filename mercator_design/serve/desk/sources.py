@@ -1,0 +1,97 @@
+"""Where the missions and FSMs of users come from: names, texts, run folders; read by the helpers."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mercator_design.config.loading import text_of
+from mercator_design.errors import MissionError, RaceError
+from mercator_design.fsm.files import FsmFile, fsm_of
+from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.missions.mission import Mission, parse_mission
+from mercator_design.serve.desk.missions import NAME, user_mission
+from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.serve.settings import Limits
+
+FSM = "FSM"
+"""The name of a user's text in messages."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionSource:
+    """A mission of a run folder, of a user's text, or a shipped one."""
+
+    name: str = ""
+    text: str | None = None
+    overrides: tuple[str, ...] = ()
+    folder: Path | None = None  # a run folder of ours, which has all files of its mission
+
+    def read(self, limits: Limits) -> Mission:
+        """The mission.
+
+        Raises:
+            MissionError: It is not valid, or a user's is beyond a limit.
+        """
+        if self.folder is None:
+            return user_mission(self.name, self.text, self.overrides, limits)
+        text = text_of(self.folder / NAME, error=MissionError)
+        return parse_mission(text, name=NAME, folder=self.folder, overrides=self.overrides)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FsmSource:
+    """An FSM of a run folder or of a user's text: fsm.txt or fsm.yaml."""
+
+    name: str
+    text: str = ""
+    flavour: str | None = None
+    folder: Path | None = None
+
+    def read(self) -> FsmFile:
+        """The FSM.
+
+        Raises:
+            FsmError: It is not valid; with each mistake.
+            RaceError: The run folder has none.
+        """
+        if self.folder is None:
+            return fsm_of(self.text, FSM, self.flavour)
+        return leader_of(self.folder).fsm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leader:
+    """The winner of a race, or its best configuration so far.
+
+    configuration: Its number.
+    mean: Of its scores in the race.
+    runs: The number of these.
+    is_winner: Whether the race has ended.
+    """
+
+    configuration: int
+    mean: float
+    runs: int
+    is_winner: bool
+    fsm: FsmFile
+
+
+def leader_of(folder: Path) -> Leader:
+    """The winner of the race in a run folder, or the best so far; the race may be running.
+
+    Raises:
+        RaceError: There is none yet, or it is no race of control software.
+    """
+    status = RaceStatus(folder)
+    record = status.read_on()
+    number, mean = status.leader, status.best
+    if number is None or mean is None:
+        raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
+    if record.start["task"] != "mission":
+        raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
+    return Leader(
+        configuration=number,
+        mean=mean,
+        runs=len(record.scores_of(number)),
+        is_winner=record.is_complete,
+        fsm=FsmFile(pfsm=to_pfsm(record.configurations[number], record.start["flavour"]), header={}),
+    )

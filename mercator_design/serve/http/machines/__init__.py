@@ -1,0 +1,1 @@
+"""Routes on FSMs and on designs, which are FSMs that users keep."""

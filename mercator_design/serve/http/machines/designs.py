@@ -1,0 +1,163 @@
+"""Routes on designs: FSMs that users keep."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Query
+from fastapi.responses import PlainTextResponse
+from pydantic import BaseModel, Field
+
+from mercator_design.api import fresh_instances
+from mercator_design.designer import TEST_SEED
+from mercator_design.serve.designs import Design
+from mercator_design.serve.desk.desk import TimeLimit
+from mercator_design.serve.desk.machines import Machines, checked, new_design, run_part
+from mercator_design.serve.desk.sources import FsmSource, MissionSource
+from mercator_design.serve.http.context import TheService, TheUser
+from mercator_design.serve.http.machines.given import fsms_given, mission_given, visible_design
+from mercator_design.serve.http.machines.schemas import CheckedFsm, FsmBody, MissionBody
+from mercator_design.serve.http.problems import RESPONSES, NotAllowed
+from mercator_design.serve.http.schemas import Body
+
+router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)  # type: ignore[arg-type]
+
+_RUNS = 10
+"""Instances on which a design is measured when it is saved."""
+_MEASURING = 0.25
+"""Of the time limit of the helpers: after so much, no further experiment begins."""
+_Name = Annotated[
+    str, Field(min_length=1, max_length=100, pattern=r"^\w[\w .+\-]*$", description="Letters, digits, spaces, . _ + -")
+]
+
+
+class DesignRequest(Body):
+    """A design to save."""
+
+    name: _Name
+    mission: MissionBody
+    fsm: FsmBody
+    shared: Annotated[bool, Field(description="Whether all users may see it.")] = False
+
+
+class DesignChange(Body):
+    """Changes of a design; what is not given stays."""
+
+    name: _Name | None = None
+    shared: bool | None = None
+
+
+class DesignAnswer(BaseModel):
+    """A design."""
+
+    id: str
+    owner: str
+    name: str
+    mission: str
+    direction: str
+    mean: float | None
+    """Of its scores on the first instances of `mdesign evaluate`."""
+    runs: int
+    created: str
+    shared: bool
+
+    @classmethod
+    def of(cls, design: Design) -> "DesignAnswer":
+        """The answer on a design."""
+        names = ("id", "owner", "name", "mission", "direction", "mean", "created", "shared")
+        return cls(runs=len(design.scores), **{name: getattr(design, name) for name in names})
+
+
+class DesignPage(BaseModel):
+    """A page of a list of designs."""
+
+    designs: list[DesignAnswer]
+    total: int
+
+
+class WholeDesign(BaseModel):
+    """A design with its FSM, and the text of its mission."""
+
+    design: DesignAnswer
+    mission_text: str
+    fsm: CheckedFsm
+
+
+def _visible(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Design:
+    return visible_design(service, user, identity)
+
+
+VisibleDesign = Annotated[Design, Depends(_visible)]
+
+
+def _own(user: TheUser, design: VisibleDesign) -> Design:
+    if not (user.is_admin or design.owner == user.name):
+        raise NotAllowed(f"{design.id} is not yours: only its owner and administrators may change it")
+    return design
+
+
+OwnDesign = Annotated[Design, Depends(_own)]
+
+
+@router.post("/designs", status_code=201)
+def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswer:
+    """Save an FSM with its mission; it is measured on a few instances first."""
+    service.designs.check_number(user.name)
+    machines = Machines(
+        fsms=fsms_given(service, user, [body.fsm]),
+        mission=mission_given(service, user, body.mission),
+        limits=service.settings.limits,
+    )
+    new = service.desk.run(new_design, machines)
+    seeds, scores = fresh_instances(TEST_SEED, _RUNS), tuple[float, ...]()
+    try:
+        scores = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds).scores
+    except TimeLimit:  # one experiment takes too long: the score is not known
+        scores = ()
+    design = Design(
+        id="-", owner=user.name, name=body.name, mission=new.mission_name, direction=new.direction, scores=scores,
+        created="", shared=body.shared,
+    )  # fmt: skip
+    return DesignAnswer.of(service.designs.create(design, new.fsm, new.mission))
+
+
+@router.get("/designs")
+def find(
+    service: TheService,
+    user: TheUser,
+    owner: Annotated[str, Query(max_length=100)] = "",
+    text: Annotated[str, Query(max_length=200, description="In the name, or in that of the mission.")] = "",
+    shared: bool = False,
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+    offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
+) -> DesignPage:
+    """List the designs that you may see, the newest first."""
+    found = service.designs.find(None if user.is_admin else user.name, owner=owner, text=text, shared=shared)
+    return DesignPage(designs=[DesignAnswer.of(one) for one in found[offset : offset + limit]], total=len(found))
+
+
+@router.get("/designs/{id}")
+def show(service: TheService, design: VisibleDesign) -> WholeDesign:
+    """Show a design with its FSM."""
+    fsm = FsmSource(name=design.name, text=service.designs.fsm(design.id))
+    text = service.designs.mission(design.id)
+    forms = service.desk.run(checked, fsm, MissionSource(text=text), service.settings.limits)
+    return WholeDesign(design=DesignAnswer.of(design), mission_text=text, fsm=CheckedFsm(**forms))
+
+
+@router.get("/designs/{id}/fsm.txt", response_class=PlainTextResponse)
+def fetch(service: TheService, design: VisibleDesign) -> PlainTextResponse:
+    """Fetch the fsm.txt of a design."""
+    headers = {"X-Content-Type-Options": "nosniff", "Content-Disposition": 'attachment; filename="fsm.txt"'}
+    return PlainTextResponse(service.designs.fsm(design.id), headers=headers)
+
+
+@router.patch("/designs/{id}")
+def change(service: TheService, design: OwnDesign, body: DesignChange) -> DesignAnswer:
+    """Rename a design, or share it."""
+    changes = {name: value for name, value in body.model_dump().items() if value is not None}
+    return DesignAnswer.of(service.designs.update(design.id, **changes))
+
+
+@router.delete("/designs/{id}", status_code=204)
+def delete(service: TheService, design: OwnDesign) -> None:
+    """Delete a design."""
+    service.designs.delete(design.id)

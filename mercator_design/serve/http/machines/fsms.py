@@ -1,0 +1,101 @@
+"""Routes on FSMs: their modules, checks, evaluations, replays; and the winner of a job."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+
+from mercator_design.api import fresh_instances
+from mercator_design.serve.desk.desk import TimeLimit
+from mercator_design.serve.desk.machines import Machines, best_of, checked, compared, replays, run_part
+from mercator_design.serve.desk.sources import FsmSource
+from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
+from mercator_design.serve.http.machines.given import fsm_text, fsms_given, job_source, mission_given, mission_of_job
+from mercator_design.serve.http.machines.schemas import (
+    CheckedFsm,
+    CheckRequest,
+    EvaluationAnswer,
+    EvaluationRequest,
+    Modules,
+    ReplayRequest,
+    Winner,
+)
+from mercator_design.serve.http.problems import RESPONSES
+from mercator_design.serve.http.schemas import Flavour
+from mercator_design.serve.jobs.operations import LimitReached, NotPossible
+
+router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)  # type: ignore[arg-type]
+
+_PART = 0.25
+"""Of the time limit of the helpers: after so much, an evaluation lets other work in between."""
+_WHOLE = 10.0
+"""Of the same: a longer evaluation is refused."""
+
+
+@router.get("/modules")
+def modules(flavour: Flavour = "watermelon") -> Modules:
+    """List the behaviours and conditions of a flavour, with their parameters."""
+    return Modules.of(flavour)
+
+
+@router.post("/fsms/check")
+def check(service: TheService, user: TheUser, body: CheckRequest) -> CheckedFsm:
+    """Check an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it."""
+    source = FsmSource(name="", text=fsm_text(body.fsm), flavour=body.flavour)
+    mission = None if body.mission is None else mission_given(service, user, body.mission)
+    return CheckedFsm(**service.desk.run(checked, source, mission, service.settings.limits))
+
+
+@router.post("/fsms/evaluate")
+async def evaluate(request: Request, service: TheService, user: TheUser, body: EvaluationRequest) -> EvaluationAnswer:
+    """Measure FSMs on the same fresh instances of a mission, and compare them by paired tests."""
+    limits, seconds = service.settings.limits, service.settings.helper_seconds
+    if body.runs > limits.runs:
+        raise LimitReached(f"runs: expected at most {limits.runs}, the limit of this service, found {body.runs}")
+    machines = _machines(service, user, body)
+    seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
+    while len(scores) < (total := len(seeds) * len(machines.fsms)):
+        if await request.is_disconnected():
+            raise NotPossible("nobody waits for this any more")
+        part = await run_in_threadpool(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
+        scores, spent = [*scores, *part.scores], spent + part.seconds
+        if (expected := spent * total / len(scores)) > _WHOLE * seconds:
+            raise TimeLimit(
+                f"{total} experiments would take about {expected:.0f} s; the service allows {_WHOLE * seconds:.0f} s: "
+                "ask for fewer runs"
+            )
+    return EvaluationAnswer(**await run_in_threadpool(service.desk.run, compared, machines, seeds, body.seed, scores))
+
+
+@router.post("/fsms/replay")
+def replay(service: TheService, user: TheUser, body: ReplayRequest) -> list[dict[str, Any]]:
+    """Run FSMs on an instance of a mission: what the viewer plays, for each."""
+    return service.desk.run(replays, _machines(service, user, body), body.seed)
+
+
+@router.get("/jobs/{id}/winner")
+def winner(service: TheService, row: VisibleJob) -> Winner:
+    """Show the winner of a job, or its best so far, also while its race runs."""
+    mission = mission_of_job(service, row)
+    return Winner(**service.desk.run(best_of, job_source(service, row), mission, service.settings.limits))
+
+
+@router.get("/jobs/{id}/replay")
+def replay_of_job(
+    service: TheService,
+    row: VisibleJob,
+    seed: Annotated[int, Query(ge=0, lt=2**63, description="Of the instance.")] = 1,
+) -> list[dict[str, Any]]:
+    """Run the winner of a job, or its best so far, on an instance of its mission: what the viewer plays."""
+    machines = Machines(
+        fsms=(job_source(service, row),), mission=mission_of_job(service, row), limits=service.settings.limits
+    )
+    return service.desk.run(replays, machines, seed)
+
+
+def _machines(service: TheService, user: TheUser, body: ReplayRequest) -> Machines:
+    return Machines(
+        fsms=fsms_given(service, user, body.fsms),
+        mission=mission_given(service, user, body.mission),
+        limits=service.settings.limits,
+    )

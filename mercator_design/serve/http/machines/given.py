@@ -1,0 +1,103 @@
+"""Missions and FSMs that requests name: where they come from, if the user may see them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from mercator_design.serve.accounts.users import User
+from mercator_design.serve.designs import Design
+from mercator_design.serve.desk.sources import FsmSource, MissionSource
+from mercator_design.serve.http.context import visible_job
+from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
+from mercator_design.serve.http.problems import Missing
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.operations import NotPossible
+from mercator_design.serve.jobs.store import MISSION
+from mercator_design.serve.service import Service
+
+
+def visible_design(service: Service, user: User, identity: str) -> Design:
+    """A design that a user may see: own, shared, or as an administrator.
+
+    Raises:
+        Missing: There is none.
+    """
+    design = service.designs.get(identity)
+    if design is None or not (user.is_admin or design.shared or design.owner == user.name):
+        raise Missing(f"there is no design {identity}")
+    return design
+
+
+def mission_given(service: Service, user: User, body: MissionBody) -> MissionSource:
+    """The mission that a request names.
+
+    Raises:
+        Missing: The user may not see its job or design.
+        NotPossible: It names none, or several.
+    """
+    if (body.mission != "") + (body.mission_text is not None) + (body.job != "") + (body.design != "") != 1:
+        raise NotPossible("mission: expected one of mission, mission_text, job and design")
+    overrides = tuple(body.set)
+    if body.job:
+        found = mission_of_job(service, visible_job(service, user, body.job))
+        return MissionSource(
+            name=found.name, text=found.text, folder=found.folder, overrides=(*found.overrides, *overrides)
+        )
+    text = body.mission_text
+    if body.design:
+        text = service.designs.mission(visible_design(service, user, body.design).id)
+    return MissionSource(name=body.mission, text=text, overrides=overrides)
+
+
+def mission_of_job(service: Service, row: Row) -> MissionSource:
+    """The mission of a job: that of its run folder; before its race has begun, that of its request.
+
+    Raises:
+        NotPossible: Its run folder is not of a mission.
+    """
+    folder = run_folder(service, row)
+    if (folder / MISSION).exists():
+        return MissionSource(folder=folder)
+    if not row.is_job:
+        raise NotPossible(f"{row.id}: expected the run folder of a mission, found one without {MISSION}")
+    request = service.store.read(row.id).request
+    return MissionSource(name=request.mission, text=service.store.text(row.id), overrides=request.set)
+
+
+def job_source(service: Service, row: Row, name: str = "") -> FsmSource:
+    """The winner of a job, or its best so far."""
+    return FsmSource(name=name or row.id, folder=run_folder(service, row))
+
+
+def fsms_given(service: Service, user: User, bodies: Sequence[FsmBody]) -> tuple[FsmSource, ...]:
+    """The FSMs that a request names, with different names.
+
+    Raises:
+        Missing: The user may not see a job or design.
+        NotPossible: One is not given, or in several ways.
+    """
+    found = list[FsmSource]()
+    for k, body in enumerate(bodies):
+        if (body.fsm is not None) + (body.job != "") + (body.design != "") != 1:
+            raise NotPossible(f"fsms[{k}]: expected one of fsm, job and design")
+        name = body.name or body.job or body.design or f"FSM {k + 1}"
+        taken = {one.name for one in found}
+        name = next(one for one in (name, *(f"{name} ({n})" for n in range(2, k + 3))) if one not in taken)
+        if body.fsm is not None:
+            found.append(FsmSource(name=name, text=fsm_text(body.fsm), flavour=body.flavour))
+        elif body.job:
+            found.append(job_source(service, visible_job(service, user, body.job), name))
+        else:
+            text = service.designs.fsm(visible_design(service, user, body.design).id)
+            found.append(FsmSource(name=name, text=text))
+    return tuple(found)
+
+
+def fsm_text(fsm: str | StructuredFsm) -> str:
+    """The text of an FSM; data are an fsm.yaml, as JSON is YAML."""
+    return fsm if isinstance(fsm, str) else json.dumps(fsm.model_dump(), ensure_ascii=True)
+
+
+def run_folder(service: Service, row: Row) -> Path:
+    """The run folder of a job, for the helpers, which work in another folder."""
+    return service.store.run_folder(row.id).resolve()

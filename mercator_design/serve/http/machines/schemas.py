@@ -1,0 +1,254 @@
+"""The bodies of requests and answers on FSMs."""
+
+import typing
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from mercator_design.config.schema import comments_of, origin_of, parameters_of, unit_of
+from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.fsm.modules import Module, ModuleParameter, numbered
+from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS
+from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
+from mercator_design.serve.http.schemas import Body, Flavour, MissionText, Override
+
+MAX_FSMS = 6
+_MAX_FSM = 65_536  # characters, as of a file
+_Word = Annotated[str, Field(max_length=200)]
+
+
+class ParameterAnswer(BaseModel):
+    """A parameter of a module. Of a word, `words` has the possible ones, and `low` and `high` are of no interest."""
+
+    name: str
+    low: float
+    high: float
+    integer: bool
+    middle: float
+    """Of what races try."""
+    words: list[str]
+    unit: str
+    description: str
+
+
+class ModuleAnswer(BaseModel):
+    """A behaviour or a condition."""
+
+    name: str
+    number: int
+    description: str
+    senses: list[str]
+    parameters: list[ParameterAnswer]
+
+    @classmethod
+    def of(cls, number: int, module: Module, words: Words) -> "ModuleAnswer":
+        """The answer on a row of BEHAVIOURS or CONDITIONS."""
+        return cls(
+            name=module.name,
+            number=number,
+            description=(words.__doc__ or "").strip(),
+            senses=sorted(module.reads),
+            parameters=[_parameter(one, words) for one in module.parameters],
+        )
+
+
+def _parameter(one: ModuleParameter, words: Words) -> ParameterAnswer:
+    kind, _ = parameters_of(words)[one.name]
+    low, high = one.sampled
+    middle = 0.5 * (low + high)
+    comment, unit = comments_of(words)[one.name], unit_of(words, one.name)
+    return ParameterAnswer(
+        name=one.name,
+        low=one.low,
+        high=one.high,
+        integer=one.integer,
+        middle=round(middle) if one.integer else middle,
+        words=[str(word) for word in typing.get_args(kind)] if origin_of(kind) is Literal else [],
+        unit=unit,
+        description=comment.removeprefix(f"[{unit}]").strip(),
+    )
+
+
+class Modules(BaseModel):
+    """What FSMs of a flavour are made of."""
+
+    flavour: Flavour
+    max_states: int
+    max_transitions: int
+    behaviours: list[ModuleAnswer]
+    conditions: list[ModuleAnswer]
+
+    @classmethod
+    def of(cls, flavour: Flavour) -> "Modules":
+        """The modules of a flavour."""
+        behaviours, conditions = (
+            [ModuleAnswer.of(number, module, words[module.name]) for number, module in numbered(table, flavour).items()]
+            for table, words in ((BEHAVIOURS, BEHAVIOUR_WORDS), (CONDITIONS, CONDITION_WORDS))
+        )
+        return cls(
+            flavour=flavour,
+            max_states=MAX_STATES,
+            max_transitions=MAX_TRANSITIONS,
+            behaviours=behaviours,
+            conditions=conditions,
+        )
+
+
+class _Named(BaseModel):
+    """Named keys, and the parameters of a module beside them, as in an fsm.yaml."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+    __pydantic_extra__: dict[str, int | float | str] = Field(init=False)
+
+
+class StructuredTransition(_Named):
+    """A transition: its condition, the parameters of that, and the name of its target."""
+
+    condition: str
+    to: str
+
+
+class StructuredState(_Named):
+    """A state: its name, its behaviour, the parameters of that, its transitions."""
+
+    name: str
+    behaviour: str
+    transitions: Annotated[list[StructuredTransition], Field(max_length=100)] = []
+
+
+class StructuredFsm(Body):
+    """An FSM as data: an fsm.yaml as JSON."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, populate_by_name=True, serialize_by_alias=True)
+
+    version: Annotated[Literal[1], Field(alias="schema")] = 1
+    flavour: _Word = "watermelon"
+    states: Annotated[list[StructuredState], Field(max_length=100, description="The first is the initial one.")]
+
+
+FsmText = Annotated[str, Field(max_length=_MAX_FSM, description="A line of an fsm.txt, an fsm.txt, or an fsm.yaml.")]
+
+
+class MissionBody(Body):
+    """A mission: the name of a shipped one, the text of a file, or that of a job or a saved design."""
+
+    mission: Annotated[str, Field(max_length=200, description="Name of a shipped mission.")] = ""
+    mission_text: Annotated[MissionText | None, Field(description="A mission file (YAML).")] = None
+    job: Annotated[str, Field(max_length=200, description="Id of a job, whose mission it is.")] = ""
+    design: Annotated[str, Field(max_length=200, description="Id of a saved design, whose mission it is.")] = ""
+    set: Annotated[list[Override], Field(max_length=100, description="Overrides such as `robots=10`.")] = Field(
+        default_factory=list
+    )
+
+
+class FsmBody(Body):
+    """An FSM: a text or data; or the winner of a job, or its best so far; or a saved design."""
+
+    name: Annotated[str, Field(max_length=100, description="By which the answer calls it.")] = ""
+    fsm: FsmText | StructuredFsm | None = None
+    flavour: Annotated[Flavour | None, Field(description="Of a text that does not say it.")] = None
+    job: Annotated[str, Field(max_length=200, description="Id of a job.")] = ""
+    design: Annotated[str, Field(max_length=200, description="Id of a saved design.")] = ""
+
+
+class CheckRequest(Body):
+    """An FSM to check, perhaps on a mission."""
+
+    fsm: FsmText | StructuredFsm
+    flavour: Annotated[Flavour | None, Field(description="Of a text that does not say it.")] = None
+    mission: MissionBody | None = None
+
+
+class ReplayRequest(Body):
+    """FSMs to run on an instance of a mission."""
+
+    mission: MissionBody
+    fsms: Annotated[list[FsmBody], Field(min_length=1, max_length=MAX_FSMS)]
+    seed: Annotated[int, Field(ge=0, lt=2**63, description="Of the instance.")] = 1
+
+
+class EvaluationRequest(ReplayRequest):
+    """FSMs to run on the same fresh instances of a mission."""
+
+    runs: Annotated[int, Field(ge=1, le=10**6, description="Instances.")] = 30
+    seed: Annotated[int, Field(ge=0, lt=2**63, description="From which the instances come.")] = 1
+
+
+class FindingAnswer(BaseModel):
+    """Something in an FSM that a person should look at; a note may well be meant."""
+
+    code: str
+    place: str
+    message: str
+    is_note: bool
+
+
+class CheckedFsm(BaseModel):
+    """What is to be said of an FSM. One that is not valid has errors, and nothing else."""
+
+    valid: bool
+    errors: list[str]
+    """A message for each mistake: place, what was expected, what was found."""
+    text: str = ""
+    """The line of an fsm.txt."""
+    file: str = ""
+    """An fsm.txt, with its header."""
+    yaml: str = ""
+    structure: StructuredFsm | None = None
+    explanation: str = ""
+    findings: list[FindingAnswer] = []
+    diagram: str = ""
+    """SVG: elements of a state have `data-state`, those of a transition `data-transition`."""
+
+
+class Winner(BaseModel):
+    """The winner of a job, or its best configuration so far."""
+
+    configuration: int
+    mean: float
+    """Of its scores in the race."""
+    runs: int
+    is_winner: bool
+    fsm: CheckedFsm
+
+
+class EvaluatedFsm(BaseModel):
+    """The scores of an FSM, and their statistics."""
+
+    name: str
+    fsm: str
+    scores: list[float]
+    mean: float
+    standard_deviation: float | None
+    quartiles: tuple[float, float, float]
+    confidence_interval: tuple[float, float] | None
+    """Of the mean, 95 %, by Student's t."""
+
+
+class FsmPair(BaseModel):
+    """The first FSM's scores minus the second's, on the same instances."""
+
+    first: str
+    second: str
+    mean_difference: float
+    confidence_interval: tuple[float, float] | None
+    p_value: float
+    """Of no difference, by the paired t-test with Holm's correction for all pairs."""
+
+
+class EvaluationAnswer(BaseModel):
+    """The figures of an evaluation, as `mdesign evaluate --json` prints them for several FSMs; and box plots (SVG)."""
+
+    mission: str
+    direction: str
+    robots: int
+    duration: float
+    robot_model: str
+    runs: int
+    seed: int
+    seeds: list[int]
+    best: str
+    fsms: list[EvaluatedFsm]
+    pairs: list[FsmPair]
+    chart: str

@@ -1,5 +1,6 @@
 """A headless Chromium under test, driven by the Chrome DevTools Protocol over a pipe."""
 
+import base64
 import contextlib
 import fcntl
 import json
@@ -13,6 +14,16 @@ from pathlib import Path
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 _LIMIT = 120.0  # [s] for an answer: the machine may be busy
+_KEYS = {
+    "Tab": 9,
+    "Enter": 13,
+    "Escape": 27,
+    " ": 32,
+    "ArrowLeft": 37,
+    "ArrowUp": 38,
+    "ArrowRight": 39,
+    "ArrowDown": 40,
+}
 _OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe")
 
 
@@ -32,8 +43,9 @@ class Page:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
 
-    def open(self, path: Path, *, width=1200, height=800, dark=False):
-        """Open a file; complaints and requests are those of this page from now on."""
+    def open(self, place, *, width=1200, height=800, dark=False):
+        """Open a file or an address; complaints and requests are those of this page from now on."""
+        address = place.as_uri() if isinstance(place, Path) else place
         self.complaints.clear()
         self.requests.clear()
         self._call(
@@ -41,11 +53,39 @@ class Page:
         )
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self._call("Emulation.setEmulatedMedia", features=scheme)
-        self._call("Page.navigate", url=path.as_uri())
+        self._call("Page.navigate", url=address)
+        self.wait_for_load()
+        self.requests[:] = [url for url in self.requests if url != address and not url.startswith("data:")]
+
+    def wait_for_load(self):
+        """Wait until the page has loaded."""
         self.evaluate(
             "new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))"
         )
-        self.requests[:] = [url for url in self.requests if url != path.as_uri() and not url.startswith("data:")]
+
+    def wait_for(self, script: str):
+        """Wait until a script has a value that counts as true, and return it; other pages may load meanwhile."""
+        end = time.monotonic() + _LIMIT
+        while True:
+            found = f"Promise.resolve({script}).then((found) => (found instanceof Node ? true : found))"
+            answer = self._call("Runtime.evaluate", expression=found, awaitPromise=True, returnByValue=True)
+            if "exceptionDetails" not in answer and (value := answer["result"].get("value")):
+                return value
+            assert time.monotonic() < end, f"not within {_LIMIT:g} s: {script}"
+            time.sleep(0.05)
+
+    def press(self, *keys: str):
+        """Press keys, by their names in KeyboardEvent.key."""
+        for key in keys:
+            text = {"text": {"Enter": "\r"}.get(key, key)} if len(key) == 1 or key == "Enter" else {}
+            code = {"windowsVirtualKeyCode": _KEYS[key]} if key in _KEYS else {}
+            self._call("Input.dispatchKeyEvent", type="keyDown", key=key, **code, **text)
+            self._call("Input.dispatchKeyEvent", type="keyUp", key=key, **code)
+
+    def screenshot(self, file: Path, *, whole=True):
+        """Write a picture of the page, of all of it or of what is in sight."""
+        found = self._call("Page.captureScreenshot", captureBeyondViewport=whole)
+        file.write_bytes(base64.b64decode(found["data"]))
 
     def evaluate(self, script: str):
         """The value of a script, of a promise its outcome."""

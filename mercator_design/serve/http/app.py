@@ -10,7 +10,9 @@ from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
 from mercator_design.serve.web import assets
-from mercator_design.serve.web import jobs as job_pages
+from mercator_design.serve.web import job as job_page
+from mercator_design.serve.web import jobs as job_list
+from mercator_design.serve.web.kept import Kept
 
 
 def guarded(service: Service) -> ASGIApp:
@@ -29,7 +31,12 @@ def application(service: Service) -> FastAPI:
         redoc_url=None,
     )
     app.state.service = service
+    app.state.kept = Kept(service.desk)
     report_problems(app)
-    for room in (jobs, events, files, fsms, designs, assets, job_pages):
+    for room in (
+        *(jobs, events, files),
+        *(fsms, designs),
+        *(assets, job_list, job_page),
+    ):
         app.include_router(room.router)
     return app

@@ -87,13 +87,18 @@ class _Process:
         self._process.kill()
 
 
-def last_error(output: Path) -> str:
-    """The errors among the last messages of a process, or its last line; empty if there are none."""
+def last_messages(output: Path) -> str:
+    """The last messages of a process."""
     try:
         with output.open("rb") as file:
             file.seek(max(0, output.stat().st_size - _MAX_OUTPUT))
-            lines = file.read().decode(errors="replace").splitlines()
+            return file.read().decode(errors="replace")
     except OSError:
         return ""
+
+
+def last_error(output: Path) -> str:
+    """The errors among the last messages of a process, or its last line; empty if there are none."""
+    lines = last_messages(output).splitlines()
     errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)] or lines[-1:]
     return printable("; ".join(errors))

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from fastapi import APIRouter, Response
 
-from mercator_design.report.page.page import page_style
+from mercator_design.report.page.page import page_script, page_style
 from mercator_design.serve.http.problems import Missing
 from mercator_design.view.charts import STYLE
 from mercator_design.view.page import viewer_script, viewer_style
@@ -21,6 +21,7 @@ _FOREVER = {"Cache-Control": "public, max-age=31536000, immutable", "X-Content-T
 _MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
     "viewer.js": viewer_script,
     "viewer.css": viewer_style,
+    "page.js": page_script,
     "charts.css": lambda: STYLE,
     "report.css": page_style,
 })  # fmt: skip

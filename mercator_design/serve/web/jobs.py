@@ -1,22 +1,175 @@
-"""The pages on jobs."""
+"""The page with the list of jobs."""
 
-from fastapi import APIRouter
+from typing import Annotated
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from mercator_design.report.page.markup import Html, table
-from mercator_design.serve.http.context import TheService, TheUser
-from mercator_design.serve.web.layout import page
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.accounts.users import LOCAL, User
+from mercator_design.serve.http.context import TheService, TheUser, may_change
+from mercator_design.serve.jobs.index import ORDERS, Row
+from mercator_design.serve.jobs.job import STATES
+from mercator_design.serve.service import Service
+from mercator_design.serve.web.job_parts import ACTIONS, address, best, buttons, moment, progress, state
+from mercator_design.serve.web.layout import fragment, page
 from mercator_design.view.markup import escaped
 
 router = APIRouter(include_in_schema=False)
 
+_PAGE = 25  # rows of a page
+_SECONDS = 3  # between two refreshes
+_WHOSE = {"": "all", "mine": "mine", "shared": "shared"}
+_ORDERS = {name: name for name in ORDERS} | {"submitted": "time", "name": "mission", "best": "best value"}
+
+
+class _Filter:
+    """What a user wants to see; unknown values are ignored."""
+
+    def __init__(
+        self,
+        state: Annotated[str, Query(max_length=20)] = "",
+        whose: Annotated[str, Query(max_length=20)] = "",
+        owner: Annotated[str, Query(max_length=100)] = "",
+        text: Annotated[str, Query(max_length=200)] = "",
+        order: Annotated[str, Query(max_length=20)] = "submitted",
+        way: Annotated[str, Query(max_length=4)] = "down",
+        page: Annotated[str, Query(max_length=9)] = "1",
+    ) -> None:
+        self.state = state if state in STATES else ""
+        self.whose = whose if whose in _WHOSE else ""
+        self.order = order if order in ORDERS else "submitted"
+        self.way = "up" if way == "up" else "down"
+        self.owner, self.text = owner.strip(), text.strip()
+        self.page = max(1, int(page)) if page.isascii() and page.isdigit() else 1
+
+    def query(self, *, page: int | None = None) -> str:
+        """The query of an address, without what is as by default; it begins with a question mark."""
+        known = {
+            "state": self.state, "whose": self.whose, "owner": self.owner, "text": self.text,
+            "order": "" if self.order == "submitted" else self.order, "way": "" if self.way == "down" else "up",
+            "page": "" if (number := page or self.page) == 1 else str(number),
+        }  # fmt: skip
+        return "?" + urlencode({name: value for name, value in known.items() if value})
+
+    def find(self, service: Service, user: User) -> tuple[list[Row], int]:
+        """A page of rows, and the number of all."""
+        return service.index.find(
+            None if user.is_admin else user.name,
+            states=[one for one in STATES if one == self.state],
+            owner=user.name if self.whose == "mine" else self.owner,
+            text=self.text, shared=self.whose == "shared", order=self.order, descending=self.way == "down",
+            limit=_PAGE, offset=(self.page - 1) * _PAGE,
+        )  # fmt: skip
+
+
+_TheFilter = Annotated[_Filter, Depends()]
+
 
 @router.get("/")
-def jobs(service: TheService, user: TheUser) -> HTMLResponse:
+def jobs(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse:
     """All jobs that the user may see."""
-    rows, _ = service.index.find(None if user.is_admin else user.name)
-    cells = [
-        (Html(f'<a href="/jobs/{escaped(row.id)}">{escaped(row.id)}</a>'), row.state, row.experiments, row.budget)
-        for row in rows
+    told = Html('<p id="told" class="problem" role="status"></p>')
+    body = (_form(wanted, user), told, _list(service, user, wanted))
+    return page("Jobs", *body, user=user, here="/", scripts=("live.js",), styles=("jobs.css",))
+
+
+@router.get("/jobs")
+def part(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse:
+    """The list alone, for a page that is open."""
+    answer = fragment(_list(service, user, wanted))
+    answer.headers["HX-Replace-Url"] = f"/{wanted.query()}"
+    return answer
+
+
+def _form(wanted: _Filter, user: User) -> Html:
+    def select(name: str, label: str, options: dict[str, str], chosen: str) -> str:
+        shown = "".join(
+            f'<option value="{value}"{" selected" if value == chosen else ""}>{word}</option>'
+            for value, word in options.items()
+        )
+        return f'<label>{label}<select name="{name}">{shown}</select></label>'
+
+    def text(name: str, label: str, value: str) -> str:
+        return f'<label>{label}<input type="search" name="{name}" value="{escaped(value)}" maxlength="100"></label>'
+
+    users = user.name != LOCAL.name
+    fields = [
+        text("text", "Mission or job", wanted.text),
+        select("state", "State", {"": "all", **{one: one for one in STATES}}, wanted.state),
+        select("whose", "Whose", _WHOSE, wanted.whose) if users else "",
+        text("owner", "Owner", wanted.owner) if users else "",
+        select("order", "Order by", _ORDERS, wanted.order),
+        select("way", "Direction", {"down": "largest or latest first", "up": "smallest or oldest first"}, wanted.way),
     ]
-    return page("Jobs", table(("job", "state", "experiments", "budget"), cells), user=user, here="/")
+    return Html(
+        '<form class="fields filter" action="/" hx-get="/jobs" hx-target="#jobs" hx-swap="outerMorph" '
+        f'hx-trigger="submit, input delay:250ms" role="search" aria-label="Jobs to show">{"".join(fields)}'
+        "<noscript><button>Show</button></noscript></form>"
+    )
+
+
+def _list(service: Service, user: User, wanted: _Filter) -> Html:
+    rows, total = wanted.find(service, user)
+    if not rows and wanted.page > 1:
+        wanted.page = max(1, -(-total // _PAGE))
+        rows, total = wanted.find(service, user)
+    live = f'id="jobs" data-live="/jobs{escaped(wanted.query())}" data-seconds="{_SECONDS}"'
+    return Html(f"<div {live}>{_shortage(service)}{_table(rows, user) if rows else _nothing(wanted)}"
+                f"{_pages(wanted, total)}</div>")  # fmt: skip
+
+
+def _shortage(service: Service) -> str:
+    what = service.supervisor.shortage
+    return f'<p class="problem">The disk is nearly full: every job {escaped(what)}.</p>' if what else ""
+
+
+def _nothing(wanted: _Filter) -> Html:
+    if wanted.query() != "?":
+        return Html('<p>No job is as asked for. <a href="/">Show all jobs</a></p>')
+    return Html(
+        '<div class="card first"><h2>No jobs yet</h2><p>A job designs control software for a swarm: you choose or '
+        "write a mission, the service tries controllers in simulation, and you watch, replay and keep the best.</p>"
+        '<p><a class="button main" href="/new">Submit the first job</a></p></div>'
+    )
+
+
+def _table(rows: list[Row], user: User) -> Html:
+    has_owners = user.name != LOCAL.name
+    head = ["Mission", "State", "Experiments", "Best", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
+    titles = "".join(f'<th scope="col">{one}</th>' for one in head)
+    lines = "".join(_line(row, user, has_owners=has_owners) for row in rows)
+    return Html(
+        f'<div class="scroll"><table class="jobs"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table></div>'
+    )
+
+
+def _line(row: Row, user: User, *, has_owners: bool) -> Html:
+    name = f'<a href="{address(row)}"><bdi>{escaped(row.name)}</bdi></a>'
+    shared = ' <span class="tag">shared</span>' if row.shared and has_owners else ""
+    cells = [
+        ("mission", f'{name}{shared}<span class="id faint">{escaped(row.id)}</span>'),
+        ("what", state(row)),
+        ("done", progress(row)),
+        ("best", f'<span class="label">Best</span> {value}' if (value := best(row)) else ""),
+    ]
+    if has_owners:
+        owner = f'<span class="label">Owner</span> <bdi>{escaped(row.owner)}</bdi>' if row.is_job else "run folder"
+        cells.append(("owner", owner))
+    cells.append(("when", moment(row.submitted)))
+    cells.append(("actions", buttons(row, *ACTIONS) if may_change(user, row) else ""))
+    shown = "".join(f'<td class="{name}">{cell}</td>' for name, cell in cells)
+    return Html(f'<tr id="{escaped(f"job-{row.id}")}">{shown}</tr>')
+
+
+def _pages(wanted: _Filter, total: int) -> Html:
+    last = max(1, -(-total // _PAGE))
+    if last == 1:
+        return Html(f'<p class="faint">{total} job{"s" * (total != 1)}</p>' if total else "")
+    before = f'<a href="/{escaped(wanted.query(page=wanted.page - 1))}">Before</a>' if wanted.page > 1 else ""
+    after = f'<a href="/{escaped(wanted.query(page=wanted.page + 1))}">Next</a>' if wanted.page < last else ""
+    return Html(
+        f'<nav class="pages" aria-label="Pages of the list">{before} <span class="faint">page {wanted.page} of {last}, '
+        f"{total} jobs</span> {after}</nav>"
+    )

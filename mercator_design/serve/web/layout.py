@@ -42,12 +42,13 @@ def page(
     known = assets()
     head = [f'<link rel="stylesheet" href="{known[name].address}">' for name in (*_STYLES, *styles)]
     head += [f'<script src="{known[name].address}" defer></script>' for name in (*_SCRIPTS, *scripts)]
-    config = '{"includeIndicatorCSS": false, "history": false}'
+    config = '{"includeIndicatorCSS": false, "history": false, "morphIgnore": ["data-htmx-powered", "open"]}'
     text = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="htmx-config" content="{escaped(config)}">
 <title>{escaped(title)} · mercator_design</title>
+<link rel="icon" href="data:,">
 {"".join(head)}</head>
 <body>{_navigation(user, here)}
 <main id="main" class="app"><h1><bdi>{escaped(title)}</bdi></h1>

@@ -1,0 +1,82 @@
+"""Work on run folders for the desk: the parts of a job's page that are computed."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mercator_design.analysis.proof import read_proof
+from mercator_design.report.page.answer import answer
+from mercator_design.report.page.choice import choice
+from mercator_design.report.page.course import course
+from mercator_design.report.page.facts import Facts
+from mercator_design.report.page.importance import importance
+from mercator_design.report.page.markup import note
+from mercator_design.report.page.origin import origin
+from mercator_design.report.page.replays import chosen_runs, run_again
+from mercator_design.report.page.request import request
+from mercator_design.view.charts import number
+from mercator_design.view.page import script_json
+from mercator_design.view.replay import replay_of
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a page.
+
+    text: HTML or JSON.
+    best: The number of the winner, or of the best configuration so far; None if there is none yet.
+    """
+
+    text: str
+    best: int | None
+
+    @property
+    def version(self) -> str:
+        """Of the text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+
+
+def race_part(folder: Path) -> Part:
+    """The race so far, or of a race that has ended its winner and proof, as HTML.
+
+    Raises:
+        MercatorError: The folder cannot be read.
+    """
+    facts = _facts(folder)
+    proof = read_proof(folder, facts.record) if facts.is_finished and facts.designer is not None else None
+    sections = [answer(facts, proof, []), course(facts)]
+    if facts.is_finished:
+        sections[1:] = [choice(facts, proof, ""), course(facts), importance(facts)]
+    return Part("".join([*(note(f"Note: {text}") for text in facts.notes), *sections]), facts.best)
+
+
+def about_part(folder: Path) -> Part:
+    """What was asked and where the race comes from, as HTML.
+
+    Raises:
+        MercatorError: The folder cannot be read.
+    """
+    facts = _facts(folder)
+    return Part(request(facts) + origin(facts), facts.best)
+
+
+def best_replays(folder: Path) -> Part:
+    """Replays of the winner or the best so far: its median, best and worst run of the race, as JSON.
+
+    Raises:
+        MercatorError: The folder cannot be read.
+    """
+    facts = _facts(folder)
+    runs = chosen_runs(facts, None)
+    shown, problem = run_again(facts, runs)
+    found = [
+        {"name": f"{run.name}: {number(run.score)}", "replay": replay_of(one)}
+        for run, one in zip(runs, shown, strict=False)
+    ]
+    without = problem or ("" if found else "There is nothing to replay yet: no iteration has ended.")
+    return Part(script_json({"best": facts.best, "replays": found, "without": without}), facts.best)
+
+
+def _facts(folder: Path) -> Facts:
+    """The facts of a run folder, whose commands name it as users know it."""
+    return replace(Facts.read(folder), folder=Path(folder.name))

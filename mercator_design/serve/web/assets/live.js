@@ -1,0 +1,117 @@
+"use strict";
+// Parts of a page that are asked for again, each by its id: <div id data-live="ADDRESS" data-seconds="3">. They are
+// changed where they differ, so focus, open details and the place in the page stay. Hidden tabs do not ask.
+const Live = (() => {
+  const asked = new Map(); // by id: when, and whether an answer is awaited
+  const told = document.getElementById("told");
+
+  const tell = (text, isBad = true) => {
+    if (!told || told.textContent === text) return;
+    told.className = isBad ? "problem" : "faint";
+    told.textContent = text;
+  };
+
+  /** Ask for a part once more; its answer, or null. */
+  const refresh = async (id) => {
+    const element = document.getElementById(id);
+    const state = asked.get(id) || {};
+    if (!element || !element.dataset.live) return null;
+    if (state.isAwaited) {
+      state.again = true;
+      return null;
+    }
+    asked.set(id, Object.assign(state, { isAwaited: true, again: false, time: Date.now() }));
+    const address = element.dataset.live;
+    const have = element.dataset.have ? `?have=${element.dataset.have}` : "";
+    let answer = null;
+    try {
+      answer = await fetch(address + have, { cache: "no-store", headers: { "HX-Request": "true" } });
+      if (answer.status === 401) location.reload();
+      else if (answer.status === 404) tell("This is gone, or no longer shown to you.");
+      else if (!answer.ok) tell(await problem(answer));
+      else {
+        if (told && told.dataset.lost) tell("");
+        if (answer.status !== 204) {
+          const text = await answer.text();
+          if (element.dataset.live === address)
+            await htmx.swap({ sourceElement: element, target: element, text, swap: "outerMorph" });
+        }
+      }
+      if (told) delete told.dataset.lost;
+    } catch {
+      tell("The service does not answer; this page tries again.");
+      if (told) told.dataset.lost = "true";
+      answer = null;
+    }
+    state.isAwaited = false;
+    if (answer && answer.headers.has("X-Again")) setTimeout(refresh, 1500, id);
+    else if (state.again) setTimeout(refresh, 500, id);
+    return answer;
+  };
+
+  const problem = async (answer) => {
+    try {
+      return (await answer.json()).errors.join("\n");
+    } catch {
+      return `${answer.status} ${answer.statusText}`;
+    }
+  };
+
+  const look = () => {
+    if (document.hidden) return;
+    for (const element of document.querySelectorAll("[data-live][data-seconds]")) {
+      const { time = started } = asked.get(element.id) || {};
+      if (Date.now() - time >= 1000 * element.dataset.seconds) refresh(element.id);
+    }
+  };
+  const started = Date.now();
+  setInterval(look, 500);
+  document.addEventListener("visibilitychange", () => {
+    if (!document.hidden) for (const element of document.querySelectorAll("[data-live][data-seconds]")) refresh(element.id);
+  });
+
+  /** Whether the user says yes. */
+  const confirmed = (question) =>
+    new Promise((done) => {
+      const yes = Mercator.make("button", { class: "danger", value: "yes" }, "Yes");
+      const form = Mercator.make("form", { method: "dialog", class: "actions" }, yes, Mercator.make("button", { value: "no" }, "No"));
+      const dialog = Mercator.make("dialog", { "aria-label": "Are you sure?" }, Mercator.make("p", {}, question), form);
+      dialog.addEventListener("close", () => {
+        dialog.remove();
+        done(dialog.returnValue === "yes");
+      });
+      document.body.append(dialog);
+      dialog.showModal();
+    });
+
+  /** Send a change, and show what it has changed. */
+  const act = async (method, path, body) => {
+    try {
+      const answer = await Mercator.api(method, path, body);
+      tell("");
+      return answer === null ? true : answer;
+    } catch (error) {
+      tell(error.message);
+      return null;
+    } finally {
+      document.dispatchEvent(new CustomEvent("changed", { detail: { method, path } }));
+    }
+  };
+
+  document.addEventListener("click", async (event) => {
+    const button = event.target.closest("[data-do]");
+    if (!button || button.ariaBusy === "true") return;
+    const place = button.closest(".actions, tr");
+    if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return;
+    button.ariaBusy = "true";
+    const [method, path] = button.dataset.do.split(" ");
+    const isDone = await act(method, path);
+    button.ariaBusy = null;
+    if (isDone && method === "DELETE") location.assign("/");
+    const list = document.getElementById("jobs");
+    if (list) await refresh("jobs");
+    if (document.activeElement === document.body && place) place.querySelector("button, a")?.focus();
+  });
+
+  return { refresh, tell, act };
+})();

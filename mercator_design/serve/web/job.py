@@ -1,0 +1,249 @@
+"""The page of a job: its race while it runs, its winner, its files, what can be done with it."""
+
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import HTMLResponse, Response
+
+from mercator_design.errors import MercatorError, printable_lines
+from mercator_design.report.page.markup import Html, facts_list, folded, section
+from mercator_design.report.page.page import REPORT
+from mercator_design.runs.files import JOURNAL
+from mercator_design.serve.accounts.users import LOCAL, User
+from mercator_design.serve.desk.races import about_part, best_replays, race_part
+from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
+from mercator_design.serve.http.files import files_of
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.job import ENDED
+from mercator_design.serve.jobs.processes import last_messages
+from mercator_design.serve.jobs.races import end_of
+from mercator_design.serve.jobs.store import OUTPUT
+from mercator_design.serve.service import Service
+from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.web.job_parts import (
+    ACTIONS,
+    DELETE,
+    address,
+    api_address,
+    best,
+    buttons,
+    duration,
+    moment,
+    progress,
+    state,
+)  # fmt: skip
+from mercator_design.serve.web.kept import Kept
+from mercator_design.serve.web.layout import fragment, page
+from mercator_design.view.markup import escaped, escaped_lines
+
+router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
+
+_SECONDS = 15  # between two refreshes without an event
+_STALE = {"X-Again": "1"}
+"""The header of a part that will be newer soon: the page asks again."""
+_FIRST = ("fsm.txt", "report.html", "results.csv", "journal.jsonl", "mission.yaml")
+"""Files that most users look for."""
+
+
+def _kept(request: Request) -> Kept:
+    return request.app.state.kept  # type: ignore[no-any-return]
+
+
+_TheParts = Annotated[Kept, Depends(_kept)]
+
+
+@router.get("")
+def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
+    """The page of a job."""
+    at = escaped(api_address(row))
+    race = f'<div id="race" data-live="{address(row, "/race")}"><p class="faint">Reading the race …</p></div>'
+    replay = section(
+        "replay", "At work",
+        '<p><button type="button" id="watch">Replay the best so far</button> <span id="shown" class="faint"></span></p>'
+        '<div class="tabs" id="runs" role="group" aria-label="Runs"></div><div id="stage"></div>',
+    )  # fmt: skip
+    about = f'<div id="about" data-live="{address(row, "/about")}"></div>'
+    body = (
+        f'<div id="job" data-id="{escaped(row.id)}" data-api="{at}">{_now(service, user, row)}'
+        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{race}{replay}'
+        f'<div id="files" data-live="{address(row, "/files")}">{_files(service, row)}</div>{about}'
+        f"{_messages(service, row) if may_change(user, row) else ''}</div>"
+    )
+    scripts = ("viewer.js", "page.js", "live.js", "job.js")
+    return page(row.name, body, user=user, scripts=scripts, styles=("viewer.css", "jobs.css"))
+
+
+@router.get("/now")
+def now(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
+    """The state of a job, for its page."""
+    return fragment(_now(service, user, row))
+
+
+@router.get("/files")
+def files(service: TheService, row: VisibleJob) -> HTMLResponse:
+    """The files of a job, for its page."""
+    return fragment(f'<div id="files" data-live="{address(row, "/files")}">{_files(service, row)}</div>')
+
+
+@router.get("/messages")
+def messages(service: TheService, row: OwnJob) -> HTMLResponse:
+    """The messages of a job's process, for its page."""
+    return fragment(_messages(service, row))
+
+
+@router.get("/race")
+def race(
+    service: TheService, parts: _TheParts, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
+) -> Response:
+    """The race of a job, for its page; nothing new if the page has it."""
+    folder = service.store.run_folder(row.id)
+    live = f'id="race" data-live="{address(row, "/race")}"'
+    if not (folder / JOURNAL).exists():
+        return fragment(f"<div {live}>{_without_race(row)}</div>")
+    try:
+        part, is_fresh = parts.get(race_part, folder)
+    except ServiceError:
+        raise
+    except MercatorError as error:
+        return fragment(f'<div {live}><p class="problem">{escaped_lines(error)}</p></div>')
+    if part is None:
+        return _again(fragment(f'<div {live}><p class="faint">Reading the race …</p></div>'))
+    if have == part.version:
+        answer = Response(status_code=204)
+    else:
+        best = "" if part.best is None else str(part.best)
+        answer = fragment(f'<div {live} data-best="{best}" data-have="{part.version}">{part.text}</div>')
+    return answer if is_fresh else _again(answer)
+
+
+@router.get("/about")
+def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
+    """What was asked and where the race comes from, for the page of a job."""
+    folder = service.store.run_folder(row.id)
+    live = f'id="about" data-live="{address(row, "/about")}"'
+    if not (folder / JOURNAL).exists():
+        return fragment(f"<div {live}></div>")
+    try:
+        part, _ = parts.get(about_part, folder)
+    except ServiceError:
+        raise
+    except MercatorError:  # the race's part says it
+        return fragment(f"<div {live}></div>")
+    return _again(fragment(f"<div {live}></div>")) if part is None else fragment(f"<div {live}>{part.text}</div>")
+
+
+@router.get("/replays")
+def replays(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
+    """Replays of the winner, or of the best so far, as JSON for the viewer."""
+    part, is_fresh = parts.get(best_replays, service.store.run_folder(row.id))
+    if part is None:
+        return _again(Response("null", 202, media_type="application/json"))
+    answer = Response(part.text, media_type="application/json", headers={"Cache-Control": "no-store"})
+    return answer if is_fresh else _again(answer)
+
+
+def _again(answer: Response) -> Response:
+    answer.headers.update(_STALE)
+    return answer
+
+
+def _now(service: Service, user: User, row: Row) -> Html:
+    """The state of a job and what can be done now."""
+    ends = "true" if row.state in ENDED else "false"
+    live = f'id="now" data-live="{address(row, "/now")}" data-seconds="{_SECONDS}" data-ended="{ends}"'
+    live += f' data-state="{row.state}" data-place="{_place(service, row)}"'
+    what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", row.name), ("job", row.id)]
+    if user.name != LOCAL.name:
+        what.append(("owner", row.owner or "a run folder of no job"))
+    request = f"{row.method}, {row.flavour}, seed {row.seed}" if row.method else None
+    what += [("method", request), ("priority", row.priority or None)]
+    what += [("submitted", moment(row.submitted) or None), ("ended", moment(row.ended) or None)]
+    what += [("has run", duration(row.seconds) if row.seconds else None)]
+    words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
+    actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
+    again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
+    return Html(f'<div {live}>{words}<div class="actions">{actions}{again}</div>{facts_list(what)}</div>')
+
+
+def _advice(row: Row) -> str:
+    """What to do about a job that has failed."""
+    if not row.is_job:
+        return '<p class="faint">A run folder in the data folder: it can be looked at here, and not be changed.</p>'
+    if row.state != "failed":
+        return ""
+    return (
+        "<p>Resume it to try again: finished experiments are kept. If it fails again, change the mission with "
+        "<em>Run again</em>; the messages of its process, below, may say more.</p>"
+    )
+
+
+def _without_race(row: Row) -> str:
+    if row.state in ("queued", "running"):
+        return '<p class="faint">The race has not begun yet; what it does will appear here.</p>'
+    return '<p class="faint">The race has not begun.</p>'
+
+
+def _place(service: Service, row: Row) -> int:
+    """The place in the journal after which the page follows the race."""
+    try:
+        with (service.store.run_folder(row.id) / JOURNAL).open("rb") as journal:
+            return end_of(journal)
+    except OSError:
+        return 0
+
+
+def _changes(user: User, row: Row) -> Html:
+    """The form of what is seldom changed."""
+    if not may_change(user, row):
+        return Html()
+    shared = (
+        f'<label class="tick"><input type="checkbox" name="shared"{" checked" if row.shared else ""}> '
+        "Show it to all users</label>"
+        if user.name != LOCAL.name
+        else ""
+    )
+    fields = (
+        f'<label>Budget (larger)<input type="number" name="budget" min="{row.budget + 1}" step="1" '
+        f'placeholder="{row.budget}" inputmode="numeric"></label>'
+        f'<label>Priority among your jobs<input type="number" name="priority" min="-100" max="100" '
+        f'value="{row.priority}"></label>{shared}<p><button>Change</button></p>'
+    )
+    form = f'<form class="fields" id="change">{fields}</form>'
+    return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)
+
+
+def _files(service: Service, row: Row) -> Html:
+    found = files_of(service.store.run_folder(row.id))
+    names = [*(one for one in _FIRST if one in found), *sorted(found.keys() - {*_FIRST})]
+    if not names:
+        return Html()
+    links = "".join(f"<li>{_link(row, name, found[name])}</li>" for name in names)
+    report = ""
+    if REPORT in found:
+        to = api_address(row, f"/files/{REPORT}")
+        report = f'<p><a class="button main" href="{to}" target="_blank" rel="noopener">Open the full report</a></p>'
+    return section("artefacts", "Files", report, f'<ul class="files">{links}</ul>')
+
+
+def _link(row: Row, name: str, path: Path) -> str:
+    try:
+        size = path.stat().st_size
+    except OSError:  # just removed
+        size = 0
+    shown = f"{size / 1000:.0f} kB" if size >= 1000 else f"{size} bytes"
+    to = api_address(row, f"/files/{quote(name)}")
+    link = f'<a href="{to}" target="_blank" rel="noopener"><bdi>{escaped(name)}</bdi></a>'
+    return f'{link} <span class="faint">{shown}</span>'
+
+
+def _messages(service: Service, row: Row) -> Html:
+    """The messages of the process of a job, for its owner."""
+    text = last_messages(service.store.folder(row.id) / OUTPUT)
+    shown = f"<pre>{escaped_lines(printable_lines(text))}</pre>" if text else '<p class="faint">There are none.</p>'
+    is_open = " open" if row.state == "failed" and text else ""
+    return Html(
+        f'<div id="messages" data-live="{address(row, "/messages")}"><details{is_open}>'
+        f"<summary>Messages of its process</summary>{shown}</details></div>"
+    )

@@ -1,0 +1,116 @@
+"""What the list of jobs and the page of a job share: state, progress, actions."""
+
+from datetime import datetime
+from typing import NamedTuple
+from urllib.parse import quote
+
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.job import State
+from mercator_design.view.charts import number
+from mercator_design.view.markup import escaped
+
+_FEWEST = 10  # experiments from which the remaining time is estimated
+
+
+class Action(NamedTuple):
+    """Something that a user can do with a job, by a request without a body."""
+
+    word: str
+    method: str
+    path: str  # below that of the job
+    states: tuple[State, ...]
+    confirm: str = ""  # what is asked before
+
+
+ACTIONS = (
+    Action("Pause", "POST", "/pause", ("queued", "running")),
+    Action("Resume", "POST", "/resume", ("paused", "failed")),
+    Action(
+        "Cancel", "POST", "/cancel", ("queued", "running", "paused"),
+        "Cancel this job? It cannot be resumed; its results so far stay.",
+    ),
+)  # fmt: skip
+DELETE = Action(
+    "Delete", "DELETE", "", ("queued", "paused", "succeeded", "failed", "cancelled"),
+    "Delete this job with all its files? This cannot be undone.",
+)  # fmt: skip
+
+
+def address(row: Row, after: str = "") -> str:
+    """The address of a job's page, as an attribute."""
+    return f"/jobs/{quote(row.id, safe='')}{after}"
+
+
+def api_address(row: Row, after: str = "") -> str:
+    """The address of a job in the API, as an attribute."""
+    return f"/api/v1/jobs/{quote(row.id, safe='')}{after}"
+
+
+def button(row: Row, action: Action) -> Html:
+    """The button of an action."""
+    path = f"/jobs/{quote(row.id, safe='')}{action.path}"
+    confirm = f' data-confirm="{escaped(action.confirm)}"' if action.confirm else ""
+    danger = ' class="danger"' if action.confirm else ""
+    identity = escaped(f"{action.word.lower()}-{row.id}")
+    label = escaped(f"{action.word} {row.name} {row.id}")
+    return Html(
+        f'<button type="button" id="{identity}" aria-label="{label}"{danger} data-do="{action.method} {path}"{confirm}>'
+        f"{action.word}</button>"
+    )
+
+
+def buttons(row: Row, *actions: Action) -> Html:
+    """The buttons of the actions that are possible in the state of a job."""
+    if row.message.startswith("stopping"):
+        actions = tuple(one for one in actions if one.word == "Cancel" and "cancel" not in row.message)
+    return Html("".join(button(row, one) for one in actions if row.state in one.states))
+
+
+def state(row: Row) -> Html:
+    """The state of a job as a word, with what it waits for, or why it failed."""
+    message = f' <span class="why">{escaped(row.message)}</span>' if row.message else ""
+    return Html(f'<span class="state state-{row.state}">{row.state}</span>{message}')
+
+
+def progress(row: Row) -> Html:
+    """The progress of a job as a bar with figures."""
+    label = f"{row.experiments} of {row.budget} experiments"
+    left = f'<span class="faint"> · {time_left(row)}</span>' if time_left(row) else ""
+    return Html(
+        f'<progress max="{max(row.budget, 1)}" value="{row.experiments}" aria-label="{label}"></progress>'
+        f'<span class="figures">{row.experiments} of {row.budget}{left}</span>'
+    )
+
+
+def best(row: Row) -> Html:
+    """The best value of a job."""
+    if row.best is None:
+        return Html('<span class="faint">none yet</span>' if row.state in ("queued", "running") else "")
+    tested = f' <span class="faint">tested {number(row.tested)}</span>' if row.tested is not None else ""
+    return Html(f"<strong>{number(row.best)}</strong>{tested}")
+
+
+def time_left(row: Row) -> str:
+    """How long a running race still takes, about; empty if it is not known."""
+    if row.state != "running" or row.experiments < _FEWEST or row.seconds <= 0:
+        return ""
+    left = (row.budget - row.experiments) * row.seconds / row.experiments
+    return f"about {duration(left)} left" if left >= 1 else "tests and report"
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it."""
+    for unit, size in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def moment(time: str) -> Html:
+    """A time as a reader wants it; empty if there is none."""
+    try:
+        shown = datetime.fromisoformat(time).strftime("%Y-%m-%d %H:%M")
+    except ValueError:
+        return Html(escaped(time))
+    return Html(f'<time datetime="{escaped(time)}">{shown}</time>')

@@ -1,0 +1,101 @@
+"""Parts of pages that are computed by the desk, once for all who look at a job."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mercator_design.analysis.proof import PROOF
+from mercator_design.errors import MercatorError
+from mercator_design.race.running.journal import is_locked
+from mercator_design.runs.files import JOURNAL
+from mercator_design.runs.provenance import PROVENANCE
+from mercator_design.serve.desk.desk import Busy, Desk
+from mercator_design.serve.desk.races import Part
+
+_PERIOD = 2.0
+"""Seconds between two computations of a part."""
+_SHARE = 0.05  # of the time that a helper may spend on one part
+_MOST = 200  # parts that are kept
+
+
+@dataclass(slots=True)
+class _Entry:
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    part: Part | None = None
+    problem: MercatorError | None = None  # why there is no newer one
+    state: object = None  # of the folder, as the part shows it
+    again: float = 0.0  # from when on it may be computed again
+
+
+class Kept:
+    """Parts of pages; safe for several threads.
+
+    A part is computed again only if the run folder has changed, by one request at a time, and at most so often that it
+    takes a small share of the time of one helper. All other requests get the latest part at once.
+
+    Args:
+        desk: Computes them.
+        clock: Seconds that have passed since some time.
+    """
+
+    def __init__(self, desk: Desk, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._desk, self._clock = desk, clock
+        self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
+        """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
+
+        Args:
+            make: Computes it: a function of `desk/races.py`.
+            folder: The run folder.
+
+        Raises:
+            MercatorError: It cannot be computed.
+        """
+        entry, state = self._entry((make.__name__, folder.name)), _state(folder)
+        if entry.state is not None and (entry.state == state or self._clock() < entry.again):
+            if entry.problem is not None:
+                raise entry.problem
+            return entry.part, entry.state == state
+        if not entry.lock.acquire(blocking=False):
+            return entry.part, False
+        try:
+            begin = self._clock()
+            entry.problem = None
+            try:
+                entry.part = self._desk.run(make, folder.resolve())
+            except Busy:
+                return entry.part, False
+            except MercatorError as error:
+                entry.problem = error
+            entry.state = state
+            entry.again = self._clock() + max(_PERIOD, (self._clock() - begin) / _SHARE)
+            if entry.problem is not None:
+                raise entry.problem
+            return entry.part, True
+        finally:
+            entry.lock.release()
+
+    def _entry(self, key: tuple[str, str]) -> _Entry:
+        with self._lock:
+            entry = self._entries.setdefault(key, _Entry())
+            self._entries.move_to_end(key)
+            while len(self._entries) > _MOST:
+                self._entries.popitem(last=False)
+            return entry
+
+
+def _state(folder: Path) -> object:
+    """What differs when a run folder has changed."""
+    found: list[object] = [is_locked(folder / JOURNAL)]
+    for name in (JOURNAL, PROVENANCE, PROOF):
+        try:
+            status = (folder / name).stat()
+            found.append((status.st_ino, status.st_size, status.st_mtime_ns))
+        except OSError:
+            found.append(None)
+    return found

@@ -19,6 +19,8 @@ R = TypeVar("R")
 
 _PATIENCE = 20.0
 """Seconds that work waits for a helper."""
+_NICE = 5
+"""Helpers leave the processor to the service, and take it from races."""
 _START = 60.0
 """Additional seconds for the first work of a helper, which loads modules and kernels."""
 
@@ -138,6 +140,7 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_service, daemon=True).start()
+    os.nice(_NICE)
     os.chdir(folder)
     for file in plugins:
         run_plugin(read_plugin(Path(file)), file)

@@ -10,6 +10,8 @@ import sys
 import threading
 import time
 
+_NICE = 10
+"""Races leave the processor to the service, which answers at once."""
 _GRACE = 60.0
 """Seconds for the running experiments to finish."""
 
@@ -26,6 +28,7 @@ def main() -> None:
     """Run the command line, which is that of `mdesign`."""
     threading.Thread(target=_stop_with_service, daemon=True).start()
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    os.nice(_NICE)
     from mercator_design.cli import main as mdesign
 
     sys.argv[0] = "mdesign"

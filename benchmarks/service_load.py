@@ -1,0 +1,255 @@
+"""What a design service bears: many who follow jobs, many submissions, kills at any time.
+
+    python benchmarks/service_load.py follow   200 clients follow 20 running jobs for 2 minutes, and reconnect
+    python benchmarks/service_load.py submit   1000 submissions; the service is killed in the middle
+    python benchmarks/service_load.py kill     20 jobs, 50 kills; the winners are those of undisturbed races
+
+Each prints figures of one run, and exits with 1 if an event, a job or a winner is lost.
+"""
+
+import asyncio
+import atexit
+import json
+import random
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import click
+import httpx
+from httpx_sse import aconnect_sse
+
+from mercator_design.config.checked_lines import from_line
+
+SMALL = ["robots=2", "duration=2"]
+CHOSEN = ("aggregation", "foraging", "grid_exploration", "color_aggregation")
+
+
+class Running:
+    """A service in a process of its own."""
+
+    def __init__(self, data: Path, *, races: int) -> None:
+        data.mkdir(exist_ok=True)
+        (data / "serve.yaml").write_text(f"races: {races}\njobs: 1\nlimits: {{jobs: 5000, running: 1000, budget: 10000000}}\n")
+        self.data = data
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.start()
+
+    def start(self) -> None:
+        with (self.data / "service.log").open("a") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mercator_design", "serve", "--data", self.data, "--port", str(self.port)],
+                stderr=log,
+            )
+        atexit.register(self.process.kill)
+        for _ in range(600):
+            try:
+                httpx.get(f"{self.url}/api/v1/jobs", timeout=30).raise_for_status()
+            except httpx.TransportError:
+                time.sleep(0.1)
+            else:
+                return
+        raise SystemExit("the service does not answer; see service.log")
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(120)
+
+    def jobs(self) -> list[dict[str, object]]:
+        found: list[dict[str, object]] = []
+        while True:
+            page = httpx.get(f"{self.url}/api/v1/jobs", params={"limit": 500, "offset": len(found)}, timeout=60).json()
+            found += page["jobs"]
+            if len(found) >= page["total"] or not page["jobs"]:
+                return found
+
+
+def request_of(number: int, budget: int) -> dict[str, object]:
+    return {"mission": CHOSEN[number % len(CHOSEN)], "set": SMALL, "budget": budget, "seed": number, "method": "random"}
+
+
+def submit(url: str, number: int, budget: int) -> dict[str, object]:
+    headers = {"Idempotency-Key": f"number-{number}"}
+    answer = httpx.post(f"{url}/api/v1/jobs", json=request_of(number, budget), headers=headers, timeout=120)
+    answer.raise_for_status()
+    return answer.json()["job"]  # type: ignore[no-any-return]
+
+
+def percentile(values: list[float], share: float) -> float:
+    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
+
+
+@click.group()
+def main() -> None:
+    """Load and kill a design service."""
+
+
+@main.command()
+@click.option("--clients", default=200)
+@click.option("--races", default=20)
+@click.option("--seconds", default=120.0)
+def follow(clients: int, races: int, seconds: float) -> None:
+    """Clients follow running jobs."""
+    with tempfile.TemporaryDirectory() as folder:
+        service = Running(Path(folder) / "data", races=races)
+        jobs = [str(submit(service.url, number, 10**6)["id"]) for number in range(races)]
+        while sum(job["experiments"] != 0 for job in service.jobs()) < races:  # all races have begun
+            time.sleep(1)
+        seen, waited, reconnections = asyncio.run(_follow(service.url, jobs, clients, seconds))
+        for job in jobs:
+            httpx.post(f"{service.url}/api/v1/jobs/{job}/cancel", timeout=60).raise_for_status()
+        lost = twice = total = 0
+        for number, places in enumerate(seen):
+            journal = (service.data / jobs[number % races] / "journal.jsonl").read_bytes()
+            expected = _places(journal, until=places[-1]) if places else [-1]
+            total += len(places)
+            lost += len(set(expected) - set(places))
+            twice += len(places) - len(set(places))
+        service.stop()
+    print(f"{clients} clients, {races} running jobs, {seconds:g} s: {total} events, {reconnections} reconnections")
+    print(f"lost {lost}, twice {twice}")
+    print(
+        f"job list, {len(waited)} requests: median {1000 * statistics.median(waited):.0f} ms, "
+        f"95th percentile {1000 * percentile(waited, 0.95):.0f} ms, longest {1000 * max(waited):.0f} ms"
+    )
+    sys.exit(bool(lost or twice))
+
+
+def _places(journal: bytes, until: int) -> list[int]:
+    place, found = 0, []
+    for line in journal.splitlines(keepends=True):
+        from_line(line)
+        place += len(line)
+        found.append(place)
+        if place >= until:
+            break
+    return found
+
+
+async def _follow(url: str, jobs: list[str], clients: int, seconds: float) -> tuple[list[list[int]], list[float], int]:
+    seen: list[list[int]] = [[] for _ in range(clients)]
+    end, reconnections, waited = time.monotonic() + seconds, 0, []
+    limits = httpx.Limits(max_connections=None)
+    async with httpx.AsyncClient(base_url=url, timeout=600, limits=limits) as http:
+
+        async def one(number: int) -> None:
+            nonlocal reconnections
+            luck = random.Random(number)
+            while time.monotonic() < end:
+                place = seen[number][-1] if seen[number] else 0
+                stay = min(end, time.monotonic() + luck.uniform(5, 40))
+                address = f"/api/v1/jobs/{jobs[number % len(jobs)]}/events"
+                try:
+                    async with asyncio.timeout(stay - time.monotonic()):
+                        async with aconnect_sse(http, "GET", address, headers={"Last-Event-ID": str(place)}) as source:
+                            async for event in source.aiter_sse():
+                                if event.event != "state":
+                                    seen[number].append(int(event.id))
+                except TimeoutError:
+                    reconnections += 1
+
+        async def lists() -> None:
+            while time.monotonic() < end:
+                begin = time.perf_counter()
+                (await http.get("/api/v1/jobs")).raise_for_status()
+                waited.append(time.perf_counter() - begin)
+                await asyncio.sleep(0.2)
+
+        await asyncio.gather(*map(one, range(clients)), lists())
+    return seen, waited, reconnections
+
+
+@main.command(name="submit")
+@click.option("--number", default=1000)
+def submit_many(number: int) -> None:
+    """Submit many jobs; kill the service in the middle."""
+    with tempfile.TemporaryDirectory() as folder:
+        service = Running(Path(folder) / "data", races=1)
+        accepted, waited = [], []
+        for one in range(number):
+            if one == number // 2:
+                service.kill()
+                service.start()
+            begin = time.perf_counter()
+            accepted.append(str(submit(service.url, one, 60)["id"]))
+            waited.append(time.perf_counter() - begin)
+        again = [str(submit(service.url, one, 60)["id"]) for one in range(0, number, 10)]
+        listed = [str(job["id"]) for job in reversed(service.jobs())]
+        service.stop()
+    is_right = listed == accepted and again == accepted[::10]
+    print(
+        f"{number} submissions, one kill: median {1000 * statistics.median(waited):.0f} ms, "
+        f"95th percentile {1000 * percentile(waited, 0.95):.0f} ms"
+    )
+    print(f"listed in the order of submission, none lost, none twice: {is_right}")
+    sys.exit(not is_right)
+
+
+@main.command()
+@click.option("--number", default=20)
+@click.option("--kills", default=50)
+@click.option("--budget", default=300)
+@click.option("--seed", default=1)
+def kill(number: int, kills: int, budget: int, seed: int) -> None:
+    """Kill the service again and again while jobs run."""
+    luck = random.Random(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        undisturbed = Running(Path(folder) / "undisturbed", races=2)
+        for one in range(number):
+            submit(undisturbed.url, one, budget)
+        expected = _winners(undisturbed)
+        undisturbed.stop()
+        service = Running(Path(folder) / "data", races=4)
+        for one in range(number):
+            submit(service.url, one, budget)
+        n_kills, backwards, before = 0, 0, dict[str, str]()
+        while n_kills < kills and any(job["state"] not in ("succeeded", "failed") for job in service.jobs()):
+            time.sleep(luck.uniform(0.0, 4.0))
+            before = {str(job["id"]): str(job["state"]) for job in service.jobs()}
+            service.kill()
+            n_kills += 1
+            service.start()
+            now = {str(job["id"]): str(job["state"]) for job in service.jobs()}
+            backwards += sum(state == "succeeded" != now[one] for one, state in before.items())
+        found = _winners(service)
+        journals = sorted(service.data.glob("*/journal.jsonl"))
+        ends = [_ends(journal) for journal in journals]
+        service.stop()
+    same = sum(found[one] == expected[one] for one in expected)
+    print(f"{number} jobs, {n_kills} kills: {same} of {len(expected)} winners as undisturbed")
+    print(f"ended once: {sum(one == 1 for one in ends)} of {len(ends)}; states that went back: {backwards}")
+    sys.exit(found != expected or any(one != 1 for one in ends) or bool(backwards) or n_kills < kills)
+
+
+def _winners(service: Running) -> dict[int, str]:
+    jobs = service.jobs()
+    while any(job["state"] in ("queued", "running", "paused") for job in jobs):
+        time.sleep(0.5)
+        jobs = service.jobs()
+    lines = {}
+    for job in jobs:
+        file = service.data / str(job["id"]) / "fsm.txt"
+        text = file.read_text() if file.exists() else f"{job['state']}: {job['message']}"
+        lines[int(str(job["seed"]))] = text.strip().rpartition("\n")[2]
+    return lines
+
+
+def _ends(journal: Path) -> int:
+    lines = journal.read_text().splitlines()
+    return sum(json.loads(line).get("event") == "end" for line in lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -35,7 +35,9 @@ class Running:
 
     def __init__(self, data: Path, *, races: int) -> None:
         data.mkdir(exist_ok=True)
-        (data / "serve.yaml").write_text(f"races: {races}\njobs: 1\nlimits: {{jobs: 5000, running: 1000, budget: 10000000}}\n")
+        (data / "serve.yaml").write_text(
+            f"races: {races}\njobs: 1\nlimits: {{jobs: 5000, running: 1000, budget: 10000000}}\n"
+        )
         self.data = data
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))

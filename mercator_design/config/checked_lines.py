@@ -29,11 +29,7 @@ def from_line(line: bytes) -> Event:
     Raises:
         ValueError: if it is not such a line, with what was expected.
     """
-    if not line.endswith(b'"}\n') or line[-_TAIL - 1 : -11] != _CRC.encode():
-        raise ValueError('expected an event that ends in its checksum ("crc") and a newline')
-    text, crc = line[: -_TAIL - 1] + b"}", line[-11:-3].decode("ascii", "replace")
-    if f"{zlib.crc32(text):08x}" != crc:
-        raise ValueError(f"expected the checksum {zlib.crc32(text):08x}, found {crc}")
+    text = checked_text(line)
     try:
         event = json.loads(text)
     except RecursionError:
@@ -41,3 +37,17 @@ def from_line(line: bytes) -> Event:
     if not isinstance(event, dict):
         raise ValueError("expected an event")  # noqa: TRY004 - it is the line's fault
     return event
+
+
+def checked_text(line: bytes) -> bytes:
+    """The JSON of a line without its checksum, which is verified.
+
+    Raises:
+        ValueError: as `from_line`.
+    """
+    if not line.endswith(b'"}\n') or line[-_TAIL - 1 : -11] != _CRC.encode():
+        raise ValueError('expected an event that ends in its checksum ("crc") and a newline')
+    text, crc = line[: -_TAIL - 1] + b"}", line[-11:-3].decode("ascii", "replace")
+    if f"{zlib.crc32(text):08x}" != crc:
+        raise ValueError(f"expected the checksum {zlib.crc32(text):08x}, found {crc}")
+    return text

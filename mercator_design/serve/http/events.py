@@ -2,19 +2,24 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Iterable
+from functools import lru_cache
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 from mercator_design.runs.files import JOURNAL
+from mercator_design.serve.accounts.users import User
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob, may_see
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.serve.jobs.operations import NotPossible
-from mercator_design.serve.jobs.races import events_from, events_until, length_of
+from mercator_design.serve.jobs.races import JournalEvent, check_place, events_from, length_of
+from mercator_design.serve.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
 
@@ -22,6 +27,9 @@ _log = logging.getLogger(__name__)
 
 _PERIOD = 0.25
 """Seconds between two looks at a journal."""
+_KEEPALIVE = 15.0
+"""Seconds of silence after which a comment is sent, so that no proxy closes the connection."""
+_HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
 
 
 def _place(
@@ -33,8 +41,8 @@ def _place(
     """The place in the journal after which to begin."""
     place = int(last or after)
     try:
-        events_from(service.store.run_folder(row.id) / JOURNAL, place)
-    except (ValueError, OverflowError) as error:
+        check_place(service.store.run_folder(row.id) / JOURNAL, place)
+    except ValueError as error:
         raise NotPossible(f"Last-Event-ID: {error}") from None
     return place
 
@@ -42,29 +50,50 @@ def _place(
 @router.get("/jobs/{id}/events", response_class=EventSourceResponse)
 async def follow(
     service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_place)]
-) -> AsyncIterator[ServerSentEvent]:
+) -> EventSourceResponse:
     """Follow a job until it has ended: server-sent events.
 
     The events are those of its journal, as `mdesign race --json-lines` prints them; the id of each is its place in the
     journal, so a client that comes back with Last-Event-ID misses none. Between them come events of the kind `state`,
     with the job, at the beginning and after each change.
     """
-    journal, shown = service.store.run_folder(row.id) / JOURNAL, None
+    return EventSourceResponse(_stream(service, user, row.id, place), headers=_HEADERS)
+
+
+async def _stream(service: Service, user: User, identity: str, place: int) -> AsyncIterator[bytes]:
+    """The text of the events; many in one piece, because hundreds may follow fast races."""
+    journal, shown, silent = service.store.run_folder(identity) / JOURNAL, None, 0.0
     while True:
-        now = service.index.get(row.id)
+        now = service.index.get(identity)
         if now is None or not may_see(user, now):  # deleted, or no longer shared
             return
         try:
-            while (length := length_of(journal)) > place and (found := events_until(journal, place, length)):
-                for event in found:
-                    yield ServerSentEvent(raw_data=event.data, event=event.kind, id=str(event.place))
-                place = found[-1].place
+            while (length := length_of(journal)) > place and (found := _events_until(journal, place, length)):
+                place, text = found
+                yield text
+                await asyncio.sleep(0)
         except ValueError as error:  # damaged; who comes back is told so
-            _log.warning("job %s: its journal: %s", row.id, error)
+            _log.warning("job %s: its journal: %s", identity, error)
             return
         if (told := (now.state, now.message, now.budget, now.best, now.shared)) != shown:
             shown = told
-            yield ServerSentEvent(raw_data=Job.of(now).model_dump_json(), event="state", id=str(place))
+            state = JournalEvent(place, "state", Job.of(now).model_dump_json())
+            yield _text([state])
+            silent = 0.0
         if now.state in ENDED:
             return
-        await asyncio.sleep(_PERIOD)
+        if (silent := silent + _PERIOD) >= _KEEPALIVE:
+            silent = 0.0
+            yield KEEPALIVE_COMMENT
+        await asyncio.sleep(_PERIOD - time.monotonic() % _PERIOD)  # all together, so that a piece is read once
+
+
+@lru_cache(maxsize=64)
+def _events_until(journal: Path, place: int, length: int) -> tuple[int, bytes] | None:  # noqa: ARG001 - the cache's key
+    """The text of the events from a place on, in a journal of so many bytes, and the place after them."""
+    found = events_from(journal, place)
+    return (found[-1].place, _text(found)) if found else None
+
+
+def _text(events: Iterable[JournalEvent]) -> bytes:
+    return b"".join(format_sse_event(data_str=one.data, event=one.kind, id=str(one.place)) for one in events)

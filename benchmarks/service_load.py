@@ -46,7 +46,7 @@ class Running:
         self.start()
 
     def start(self) -> None:
-        with (self.data / "service.log").open("a") as log:
+        with Path("service.log").open("a") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "mercator_design", "serve", "--data", self.data, "--port", str(self.port)],
                 stderr=log,

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query
-from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+from fastapi.responses import StreamingResponse
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse
 
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.accounts.users import User
@@ -47,7 +48,10 @@ def _place(
     return place
 
 
-@router.get("/jobs/{id}/events", response_class=EventSourceResponse)
+_ANSWER = {200: {"content": {"text/event-stream": {}}, "description": "Events until the job has ended."}}
+
+
+@router.get("/jobs/{id}/events", response_class=StreamingResponse, responses=_ANSWER)  # type: ignore[arg-type]
 async def follow(
     service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_place)]
 ) -> EventSourceResponse:
@@ -77,7 +81,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
             return
         if (told := (now.state, now.message, now.budget, now.best, now.shared)) != shown:
             shown = told
-            state = JournalEvent(place, "state", Job.of(now).model_dump_json())
+            state = JournalEvent(place, b"state", Job.of(now).model_dump_json().encode())
             yield _text([state])
             silent = 0.0
         if now.state in ENDED:
@@ -96,4 +100,4 @@ def _events_until(journal: Path, place: int, length: int) -> tuple[int, bytes] |
 
 
 def _text(events: Iterable[JournalEvent]) -> bytes:
-    return b"".join(format_sse_event(data_str=one.data, event=one.kind, id=str(one.place)) for one in events)
+    return b"".join(b"event: %b\ndata: %b\nid: %d\n\n" % (one.kind, one.data, one.place) for one in events)

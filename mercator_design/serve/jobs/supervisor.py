@@ -30,6 +30,8 @@ _log = logging.getLogger(__name__)
 
 _PERIOD = 0.25
 """Seconds between two looks at the processes."""
+_READ = 1.0
+"""Seconds between two looks at the journal of a race, for its row."""
 _GRACE = 30.0
 """Seconds after which a process that was asked to stop is killed."""
 _MAX_DEATHS = 3
@@ -58,6 +60,7 @@ class _Run:
     status: RaceStatus
     started: float
     budget: int
+    read: float = -math.inf  # when its journal was looked at
     stopped_for: Why = ""
     stopped_at: float = 0.0
 
@@ -252,12 +255,17 @@ class Supervisor:
             run.stop("wish", clock)
         elif run.seconds(clock) - job.granted > self._settings.limits.hours * 3600:
             run.stop("time", clock)
+        if clock - run.read >= _READ:
+            run.read = clock
+            self._note_progress(run, clock)
+
+    def _note_progress(self, run: _Run, clock: float) -> None:
         try:
             run.status.read_on()
         except RaceError as error:  # the race itself reports it
             _log.warning("%s", error)
         self._index.change(
-            job.id,
+            run.job.id,
             experiments=len(run.status.record.experiments),
             best=run.status.best,
             tested=run.status.tested,

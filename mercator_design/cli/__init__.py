@@ -36,6 +36,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: a page and an HTTP API."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
+    "users": LazyVerb("mercator_design.serve.cli.users", "Add, list and revoke users of the design service."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),
     "watch": LazyVerb("mercator_design.cli.races.watch", "Follow a race that another process runs."),
 }

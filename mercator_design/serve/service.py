@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from mercator_design.race.running.executors import available_jobs
+from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.designs import Designs
 from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.index import Index
@@ -35,6 +36,7 @@ class Service:
     jobs: Operations = field(init=False)
     desk: Desk = field(init=False)
     designs: Designs = field(init=False)
+    accounts: Accounts = field(init=False)
     _lock: int = field(init=False)
     _empty: "tempfile.TemporaryDirectory[str]" = field(init=False)
 
@@ -58,12 +60,14 @@ class Service:
         self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
         self._empty = tempfile.TemporaryDirectory(prefix="mercator_design-")
         self.desk = Desk(settings.helpers, settings.helper_seconds, settings.plugins, Path(self._empty.name))
+        self.accounts = Accounts(self.data)
         self.supervisor.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.desk.close()
         self.supervisor.stop()
+        self.accounts.close()
         self.index.close()
         self._empty.cleanup()
         os.close(self._lock)

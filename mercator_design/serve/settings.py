@@ -29,6 +29,7 @@ class Limits:
     running: _Count = 100  # of a user at the same time
     runs: _Count = 1000  # instances of an evaluation
     designs: _Count = 500  # of a user
+    streams: _Count = 250  # of events, of a user at the same time
     disk: _Megabytes = 20_000  # of a user's jobs [MB]
     free_disk: _Megabytes = 200  # below it, races pause [MB]
 
@@ -47,6 +48,7 @@ class Settings:
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
     plugins: tuple[str, ...] = ()  # Python files with objectives and dynamics; they run as the service's user
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
+    proxies: tuple[str, ...] = ("127.0.0.1", "::1")  # addresses or networks of the proxy, for --behind-proxy
     limits: Limits = field(default_factory=Limits)
 
 

@@ -1,6 +1,9 @@
+from datetime import UTC, datetime, timedelta
+
 import pytest
 from starlette.testclient import TestClient
 
+from mercator_design.serve.accounts import users
 from mercator_design.serve.http.app import guarded
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
@@ -21,6 +24,32 @@ class IdleProcess:
 
     def kill(self):
         self.code = -9
+
+
+class Clock:
+    """A time that stands still until a test changes it."""
+
+    def __init__(self):
+        self.seconds = 0.0
+
+    def __call__(self):
+        return self.seconds
+
+    def now(self):
+        return datetime(2030, 1, 1, tzinfo=UTC) + timedelta(seconds=self.seconds)
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_hashes():
+    """Scrypt is slow on purpose; a test of its own has the true cost."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(users, "_COST", 2)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,43 @@
-"""The users of the service."""
+"""The users of the service and their tokens: DATA/.service/users.json.
 
-from dataclasses import dataclass
+A token is `md_ID_SECRET`. The file has the scrypt hash of the secret, so nobody can learn a token from it. `mdesign
+users` changes the file; a running service reads it again when it has changed.
+"""
+
+import fcntl
+import hashlib
+import hmac
+import json
+import os
+import re
+import secrets
+import string
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Annotated, Literal
+
+from mercator_design.config.json_data import from_json
+from mercator_design.config.schema import FieldError, Pattern
+from mercator_design.config.writing import plain
+from mercator_design.errors import MercatorError, excerpt
+from mercator_design.serve.settings import ServiceError
+from mercator_design.system.files import Unreadable, read_small, write_text
+
+FILE = "users.json"
+DAYS = 365
+"""Days until a token expires, unless said otherwise."""
+MAX_TOKENS = 20
+"""Tokens of a user that have not expired."""
+
+_MAX_SIZE = 4 * 1024 * 1024  # bytes of the file
+_LETTERS = string.ascii_letters + string.digits
+_NAME = Pattern(r"[a-z0-9][a-z0-9._-]{0,31}", "a name of up to 32 of a-z, 0-9, '.', '_' and '-'")
+_TOKEN = re.compile(r"md_([A-Za-z0-9]{8})_([A-Za-z0-9]{43})", re.ASCII)  # 43 letters or digits: 256 bits
+_CACHED = 1000  # tokens whose scrypt is not computed again
+_COST = 2**14  # of scrypt; secrets are random, so what it slows down cannot be guessed anyway
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,3 +53,263 @@ class User:
 
 LOCAL = User("local", is_admin=True)
 """Whoever uses a service without users, which only this machine reaches."""
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who has shown a token, or a session that was begun with one."""
+
+    user: User
+    token: str  # its id
+    expires: datetime
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Token:
+    """What the file has of a token."""
+
+    id: Annotated[str, Pattern(r"[A-Za-z0-9]{8}", "8 letters and digits")]
+    salt: Annotated[str, Pattern(r"[0-9a-f]{32}", "32 hexadecimal digits")]
+    hash: Annotated[str, Pattern(r"[0-9a-f]{64}", "64 hexadecimal digits")]  # of the secret
+    created: str  # time
+    expires: Annotated[str, Pattern(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", "a time in UTC")]
+
+    def __post_init__(self) -> None:
+        try:
+            datetime.fromisoformat(self.expires)
+        except ValueError:
+            raise FieldError("expires", "expected a time in UTC") from None
+
+    def is_expired(self, now: datetime) -> bool:
+        """Whether it has expired."""
+        return datetime.fromisoformat(self.expires) <= now
+
+    def fits(self, secret: str) -> bool:
+        """Whether a secret is that of this token; takes as long if it is not."""
+        return hmac.compare_digest(_hash(secret, self.salt), self.hash)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Account:
+    """A user in the file. One whose tokens were revoked stays there, so nobody else gets the name and its jobs."""
+
+    name: Annotated[str, _NAME]
+    is_admin: bool = False
+    created: str  # time
+    tokens: tuple[Token, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Contents:
+    """The contents of the file."""
+
+    format: Literal[1] = 1
+    users: tuple[Account, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """The file as it was read."""
+
+    stamp: tuple[int, ...] | None = None  # of the file; None: it is missing
+    contents: _Contents = field(default_factory=_Contents)
+    tokens: dict[str, tuple[Account, Token]] = field(default_factory=dict)
+
+
+class UserError(MercatorError):
+    """A user cannot be added or changed as asked for."""
+
+
+class Users:
+    """The users in the file of a data folder; safe for several threads.
+
+    Args:
+        data: The data folder.
+        now: The time.
+    """
+
+    def __init__(self, data: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
+        self.file, self._now = data / ".service" / FILE, now
+        self._reading = _Reading()
+        self._verified: dict[bytes, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
+
+    def accounts(self) -> tuple[Account, ...]:
+        """All users; none if there is no file.
+
+        Raises:
+            ServiceError: The file is not valid, or cannot be read.
+        """
+        return self._read().contents.users
+
+    def has_token(self) -> bool:
+        """Whether anybody can log in."""
+        now = self._now()
+        return any(not token.is_expired(now) for account in self.accounts() for token in account.tokens)
+
+    def holder(self, identity: str) -> Holder | None:
+        """Whose token has an id; None if it was revoked or has expired.
+
+        Raises:
+            ServiceError: As `accounts`.
+        """
+        account, token = self._read().tokens.get(identity, (None, None))
+        if account is None or token is None or token.is_expired(self._now()):
+            return None
+        return Holder(User(account.name, account.is_admin), token.id, datetime.fromisoformat(token.expires))
+
+    def verified(self, text: str) -> Holder | None:
+        """Whose token this is, if `verify` has found that before; without the time that scrypt takes."""
+        identity, hashed = self._verified.get(_quick(text), ("", ""))
+        found = self._read().tokens.get(identity)
+        return self.holder(identity) if found is not None and found[1].hash == hashed else None
+
+    def verify(self, text: str) -> Holder | None:
+        """Whose token this is; None if it is none, was revoked or has expired. Takes as long for any token.
+
+        Raises:
+            ServiceError: As `accounts`.
+        """
+        parts = _TOKEN.fullmatch(text)
+        if parts is None:
+            return None
+        identity, secret = parts.groups()
+        _, token = self._read().tokens.get(identity, (None, _NO_TOKEN))
+        if not token.fits(secret):
+            return None
+        holder = self.holder(identity)
+        if holder is not None:
+            while len(self._verified) >= _CACHED:
+                self._verified.pop(next(iter(self._verified)), None)
+            self._verified[_quick(text)] = identity, token.hash
+        return holder
+
+    def add(self, name: str, *, is_admin: bool = False, days: float = DAYS) -> str:
+        """Add a user; return a token.
+
+        Raises:
+            UserError: The name is not valid, or taken.
+            ServiceError: As `accounts`.
+            OSError: The file cannot be written.
+        """
+        if not _NAME.allows(name):
+            raise UserError(f"expected {_NAME.meaning}, found {excerpt(name)}")
+        if name == LOCAL.name:
+            raise UserError(f"{name}: expected another name: it is that of who uses a service without users")
+        with self._changing() as users:
+            if name in users:
+                raise UserError(f"{name}: there is such a user; a further token: mdesign users token {name}")
+            text, token = self._new_token(days)
+            users[name] = Account(name=name, is_admin=is_admin, created=_text(self._now()), tokens=(token,))
+        return text
+
+    def add_token(self, name: str, *, days: float = DAYS) -> str:
+        """Give a user a further token; return it.
+
+        Raises:
+            UserError: There is no such user, or it has too many.
+            ServiceError: As `accounts`.
+            OSError: The file cannot be written.
+        """
+        with self._changing() as users:
+            if name not in users:
+                raise UserError(f"expected the name of a user, found {excerpt(name)}; mdesign users list lists them")
+            kept = tuple(token for token in users[name].tokens if not token.is_expired(self._now()))
+            if len(kept) >= MAX_TOKENS:
+                raise UserError(f"{name}: expected less than {MAX_TOKENS} tokens; revoke some first")
+            text, token = self._new_token(days)
+            users[name] = replace(users[name], tokens=(*kept, token))
+        return text
+
+    def revoke(self, what: str) -> tuple[str, tuple[str, ...]]:
+        """Revoke all tokens of a user, or one by its id; return the user's name and the ids.
+
+        Raises:
+            UserError: There is no such user or token.
+            ServiceError: As `accounts`.
+            OSError: The file cannot be written.
+        """
+        with self._changing() as users:
+            for name, account in users.items():
+                gone = tuple(one.id for one in account.tokens if what in (name, one.id))
+                if gone or what == name:
+                    kept = tuple(one for one in account.tokens if one.id not in gone)
+                    users[name] = replace(account, tokens=kept)
+                    return name, gone
+        raise UserError(f"expected the name of a user or the id of a token, found {excerpt(what)}")
+
+    @contextmanager
+    def _changing(self) -> Iterator[dict[str, Account]]:
+        """The users by name, whose changes are written at the end; other processes that change them wait."""
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        self.file.parent.chmod(0o700)
+        lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            users = {account.name: account for account in self.accounts()}
+            yield users
+            text = json.dumps(plain(_Contents(users=tuple(users.values()))), indent=1) + "\n"
+            if self.file.exists():  # the new file gets its permissions
+                self.file.chmod(0o600)
+            before = os.umask(0o077)
+            try:
+                write_text(self.file, text)
+            finally:
+                os.umask(before)
+        finally:
+            os.close(lock)
+
+    def _new_token(self, days: float) -> tuple[str, Token]:
+        identity, secret = _random(8), _random(43)
+        salt, now = secrets.token_hex(16), self._now()
+        token = Token(
+            id=identity,
+            salt=salt,
+            hash=_hash(secret, salt),
+            created=_text(now),
+            expires=_text(now + timedelta(days=days)),
+        )
+        return f"md_{identity}_{secret}", token
+
+    def _read(self) -> _Reading:
+        """The file as it is now. After a mistake in it nobody is a user, and the mistake is raised each time."""
+        try:
+            found = self.file.stat()
+            stamp = (found.st_mtime_ns, found.st_ino, found.st_size)
+        except FileNotFoundError:
+            stamp = None
+        except OSError as error:
+            raise ServiceError(f"{self.file}: cannot be read: {error.strerror}") from None
+        if stamp != self._reading.stamp:
+            contents = _Contents() if stamp is None else self._parse()
+            tokens = {token.id: (account, token) for account in contents.users for token in account.tokens}
+            self._reading = _Reading(stamp, contents, tokens)
+        return self._reading
+
+    def _parse(self) -> _Contents:
+        try:
+            data = json.loads(read_small(self.file, _MAX_SIZE))
+        except Unreadable as error:
+            raise ServiceError(f"{self.file}: {error}") from None
+        except (ValueError, RecursionError):
+            raise ServiceError(f"{self.file}: expected JSON, found something else") from None
+        contents: _Contents = from_json(data, _Contents, error=ServiceError, label=str(self.file))
+        return contents
+
+
+def _hash(secret: str, salt: str) -> str:
+    return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=_COST, r=8, p=1, dklen=32).hex()
+
+
+def _quick(text: str) -> bytes:
+    return hashlib.sha256(text.encode(errors="surrogatepass")).digest()
+
+
+def _random(length: int) -> str:
+    return "".join(secrets.choice(_LETTERS) for _ in range(length))
+
+
+def _text(time: datetime) -> str:
+    return time.isoformat(timespec="seconds")
+
+
+_NO_TOKEN = Token(id="x" * 8, salt="0" * 32, hash="0" * 64, created="", expires="2000-01-01T00:00:00+00:00")

@@ -4,15 +4,15 @@ import logging
 from pathlib import Path
 
 import click
-import uvicorn
 
 from mercator_design.cli.options import FOLDER
-from mercator_design.command import print_message
+from mercator_design.command import FILE, print_message
+from mercator_design.serve.accounts.entrance import Entrance, check_certificate
+from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.http.app import guarded
+from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
-from mercator_design.serve.settings import ServiceError
-
-_LOOPBACK = ("127.0.0.1", "::1", "localhost")
+from mercator_design.serve.settings import load_settings
 
 
 @click.command()
@@ -25,20 +25,36 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
     show_default=True,
     help="Folder of the run folders; what is there already is shown.",
 )
-def serve(host: str, port: int, data: Path) -> None:
+@click.option("--certificate", type=FILE, metavar="FILE", help="Certificate for TLS (PEM), with its chain.")
+@click.option("--key", type=FILE, metavar="FILE", help="Key of the certificate (PEM).")
+@click.option(
+    "--behind-proxy",
+    is_flag=True,
+    help="A proxy with TLS is before the service: believe its X-Forwarded headers. See hosts, proxies in serve.yaml.",
+)
+def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path | None, *, behind_proxy: bool) -> None:
     """Run the design service: a page and an HTTP API for submitting, following and keeping designs.
 
-    Limits and workers are set in serve.yaml in the data folder. Ctrl-C stops the service; its jobs go on when it is
-    started again.
+    Without users (mdesign users), only this machine may use it. For others, it needs users and TLS: a certificate, or a
+    proxy. Limits and workers are set in serve.yaml in the data folder. Ctrl-C stops the service; its jobs go on when it
+    is started again.
     """
-    if host not in _LOOPBACK:
-        raise ServiceError(
-            f"--host {host}: expected a loopback address: only this machine may use a service without users"
-        )
+    if (certificate is None) != (key is None):
+        raise click.UsageError("expected both --certificate and --key, found one of them")
+    if certificate is not None and key is not None:
+        check_certificate(certificate, key)
+    settings = load_settings(data)
+    entrance = Entrance(
+        host=host,
+        has_tls=certificate is not None,
+        is_behind_proxy=behind_proxy,
+        names=settings.hosts,
+        proxies=settings.proxies,
+    )
+    entrance.check(Users(data))
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
-    with Service(data) as service:
-        server = uvicorn.Server(
-            uvicorn.Config(guarded(service), host=host, port=port, log_level="warning", server_header=False)
-        )
-        print_message(f"Serving {data} at http://{host}:{port}/ (Ctrl-C stops)")
-        server.run()
+    with listening(host, port) as listener, Service(data) as service:
+        address = f"[{host}]" if ":" in host else host
+        scheme = "https" if entrance.has_tls else "http"
+        print_message(f"Serving {data} at {scheme}://{address}:{listener.getsockname()[1]}/ (Ctrl-C stops)")
+        run(guarded(service, entrance), listener, certificate=certificate, key=key)

@@ -1,23 +1,37 @@
 """The application: all routes, behind the guard."""
 
+import re
+
 from fastapi import FastAPI
+from fastapi.responses import StreamingResponse
+from fastapi.routing import iter_route_contexts
+from starlette.routing import compile_path
 from starlette.types import ASGIApp
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from mercator_design import __version__
-from mercator_design.serve.accounts.guard import Guard
-from mercator_design.serve.http import events, files, jobs
+from mercator_design.serve.accounts.entrance import Entrance
+from mercator_design.serve.accounts.guard import Guard, Openings
+from mercator_design.serve.http import events, files, jobs, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
-from mercator_design.serve.web import assets
+from mercator_design.serve.web import assets, login
 from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web.kept import Kept
 
+THIS_MACHINE = Entrance()
+"""Only this machine reaches the service."""
 
-def guarded(service: Service) -> ASGIApp:
+
+def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
     """The application of a running service, behind the guard: what is served."""
-    return Guard(application(service))
+    app = application(service)
+    guard = Guard(app, service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams)
+    if not entrance.is_behind_proxy:
+        return guard
+    return ProxyHeadersMiddleware(guard, [*entrance.proxies])  # type: ignore[arg-type,return-value]  # types of its own
 
 
 def application(service: Service) -> FastAPI:
@@ -34,9 +48,28 @@ def application(service: Service) -> FastAPI:
     app.state.kept = Kept(service.desk)
     report_problems(app)
     for room in (
-        *(jobs, events, files),
+        *(jobs, events, files, system),
         *(fsms, designs),
-        *(assets, job_list, job_page),
+        *(assets, login, job_list, job_page),
     ):
         app.include_router(room.router)
     return app
+
+
+def openings(app: FastAPI) -> Openings:
+    """What the guard has to know of the routes."""
+    streams = [
+        compile_path(route.path)[0]
+        for route in iter_route_contexts(app.routes)
+        if route.path is not None and _is_stream(getattr(route, "response_class", None))
+    ]
+    loaded = re.findall(r'(?:src|href)="(/assets/[\w.-]+)', bytes(login.login_page("/").body).decode())
+    return Openings(
+        login_page=login.login_page,
+        assets=frozenset(loaded),
+        is_stream=lambda path: any(stream.match(path) for stream in streams),
+    )
+
+
+def _is_stream(response: object) -> bool:
+    return isinstance(response, type) and issubclass(response, StreamingResponse)

@@ -35,6 +35,7 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
     service.jobs.check_disk(user.name)
     checked = service.desk.run(checked_request, request, text, service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
+    response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=Job.of(row), warnings=list(checked.warnings))
 
 

@@ -128,6 +128,11 @@ class Supervisor:
         """What all jobs wait for; empty if they can run."""
         return f"waits until {self._settings.limits.free_disk} MB are free on the disk" if self._is_short else ""
 
+    @property
+    def is_at_work(self) -> bool:
+        """Whether it looks after the jobs."""
+        return self._thread is not None and self._thread.is_alive() and not self._is_stopping
+
     def start(self) -> None:
         """Make the index agree with the data folder, and begin to run jobs."""
         self.reconcile()

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from fastapi.responses import HTMLResponse
 
 from mercator_design.report.page.markup import Html
-from mercator_design.serve.accounts.users import User
+from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.web.assets import assets
 from mercator_design.view.markup import escaped
 
@@ -16,6 +16,7 @@ POLICY = (
 """Pages run no script but ours, and ask no one else for anything."""
 _STYLES = ("report.css", "charts.css", "app.css")
 _SCRIPTS = ("htmx.min.js", "app.js")
+_LOGOUT = '<form method="post" action="/logout"><button>Log out</button></form>'
 _LINKS = {"/": "Jobs", "/new": "New job", "/fsm": "FSM editor", "/compare": "Compare", "/gallery": "Gallery"}
 
 
@@ -72,5 +73,5 @@ def _navigation(user: User | None, here: str) -> Html:
     return Html(
         '<a class="skip" href="#main">To the content</a>'
         f'<header class="bar"><span class="brand">mercator_design</span><nav>{links}</nav>'
-        f'<span class="who" dir="auto">{escaped(user.name)}</span></header>'
+        f'<span class="who" dir="auto">{escaped(user.name)}</span>{_LOGOUT if user != LOCAL else ""}</header>'
     )

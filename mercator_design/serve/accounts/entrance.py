@@ -1,0 +1,114 @@
+"""How clients reach the service: its address, TLS, a proxy, the names that browsers use."""
+
+import ipaddress
+import re
+import socket
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+from mercator_design.serve.accounts.users import Users
+from mercator_design.serve.settings import FILE, ServiceError
+
+_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+_HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::\d{1,5})?", re.ASCII | re.IGNORECASE)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entrance:
+    """How clients reach the service.
+
+    host: The address on which it listens.
+    has_tls: Whether it has a certificate.
+    is_behind_proxy: Whether a proxy is before it, which has a certificate.
+    names: Further names by which browsers reach it.
+    proxies: Addresses or networks of the proxy.
+    """
+
+    host: str = "127.0.0.1"
+    has_tls: bool = False
+    is_behind_proxy: bool = False
+    names: tuple[str, ...] = ()
+    proxies: tuple[str, ...] = ("127.0.0.1", "::1")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine reaches it: then it may be used without users."""
+        return is_loopback(self.host) and not self.is_behind_proxy
+
+    def knows(self, host: str) -> bool:
+        """Whether a header Host is for this service. A foreign name may lead here that another page has rebound."""
+        found = _HOST.fullmatch(host)
+        if found is None:
+            return False
+        name = (found[1] or found[2]).lower().rstrip(".")
+        if name in _LOOPBACK_NAMES or name in {one.lower() for one in self.names}:
+            return True
+        if self.is_local or self.is_behind_proxy:
+            return False
+        return name in {self.host.lower(), socket.gethostname().lower()} or _is_address(name)
+
+    def check(self, users: Users) -> None:
+        """Refuse to open a service to others without users or without TLS.
+
+        Raises:
+            ServiceError: with what is missing.
+        """
+        if self.is_local:
+            return
+        missing = []
+        if not users.has_token():
+            missing.append(f"a user, because others reach the service: mdesign users add NAME --data {_data(users)}")
+        if not (self.has_tls or self.is_behind_proxy):
+            missing.append("TLS: --certificate FILE --key FILE, or --behind-proxy if a proxy before it has TLS")
+        if self.is_behind_proxy and not self.names:
+            missing.append(f"the names by which browsers reach the proxy: hosts: [NAME, ...] in {_data(users) / FILE}")
+        for network in self.proxies:
+            try:
+                ipaddress.ip_network(network, strict=False)
+            except ValueError:
+                missing.append(f"proxies: an address or a network, found {network}")
+        if missing:
+            raise ServiceError(*(f"--host {self.host}: expected {one}" for one in missing))
+
+
+def check_certificate(certificate: Path, key: Path) -> None:
+    """Check that a certificate and its key can be used.
+
+    Raises:
+        ServiceError: They cannot.
+    """
+
+    def refuse() -> str:
+        raise ServiceError(f"{key}: expected a key without a passphrase")
+
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, refuse)
+    except ssl.SSLError as error:
+        raise ServiceError(
+            f"{certificate}, {key}: expected a certificate and its key (PEM), found something else: {error.reason}"
+        ) from None
+    except OSError as error:
+        file = next((one for one in (certificate, key) if not one.is_file()), key)
+        raise ServiceError(f"{file}: cannot be read: {error.strerror}") from None
+
+
+def _data(users: Users) -> Path:
+    return users.file.parent.parent
+
+
+def _is_address(name: str) -> bool:
+    """Whether it is the address of a machine itself, which no page can rebind."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,98 @@
+"""The sessions of browsers: each begins with a token, and ends with it. The file has hashes of their secrets."""
+
+import contextlib
+import hashlib
+import os
+import secrets
+import sqlite3
+import threading
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+FILE = "sessions.sqlite"
+DAYS = 7
+"""Days after which a session ends."""
+_MOST = 100  # sessions of a token; the oldest end
+
+
+class Sessions:
+    """The sessions in an SQLite file; safe for several threads.
+
+    Args:
+        file: The file; missing or damaged, it is made again, and all sessions have ended.
+        now: The time.
+
+    Raises:
+        OSError, sqlite3.Error: The file cannot be made.
+    """
+
+    def __init__(self, file: Path, now: Callable[[], datetime]) -> None:
+        self._now = now
+        self._lock = threading.RLock()
+        os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
+        try:
+            self._open(file)
+        except sqlite3.DatabaseError:
+            self._db.close()
+            for one in file.parent.glob(f"{file.name}*"):
+                one.unlink()
+            os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
+            self._open(file)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._db.close()
+
+    def begin(self, token: str, until: datetime) -> str:
+        """Begin a session with a token, by its id, that expires; return the secret of the session.
+
+        Raises:
+            sqlite3.Error: It cannot be written.
+        """
+        secret = secrets.token_urlsafe(32)
+        ends = min(until, self._now() + timedelta(days=DAYS))
+        with self._lock:
+            self._db.execute("DELETE FROM sessions WHERE ends <= ?", [self._now().timestamp()])
+            self._db.execute("INSERT INTO sessions VALUES (?, ?, ?)", [_hash(secret), token, ends.timestamp()])
+            self._db.execute(
+                "DELETE FROM sessions WHERE token = ? AND hash NOT IN "
+                "(SELECT hash FROM sessions WHERE token = ? ORDER BY ends DESC, rowid DESC LIMIT ?)",
+                [token, token, _MOST],
+            )
+        return secret
+
+    def token(self, secret: str) -> str | None:
+        """The id of the token with which a session was begun that has not ended.
+
+        Raises:
+            sqlite3.Error: The file cannot be read.
+        """
+        with self._lock:
+            found = self._db.execute(
+                "SELECT token FROM sessions WHERE hash = ? AND ends > ?", [_hash(secret), self._now().timestamp()]
+            ).fetchone()
+        return None if found is None else str(found[0])
+
+    def end(self, secret: str) -> None:
+        """End a session.
+
+        Raises:
+            sqlite3.Error: It cannot be written.
+        """
+        with self._lock:
+            self._db.execute("DELETE FROM sessions WHERE hash = ?", [_hash(secret)])
+
+    def _open(self, file: Path) -> None:
+        self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
+        with contextlib.closing(self._db.execute("PRAGMA journal_mode=WAL")):
+            pass
+        self._db.execute("PRAGMA synchronous=NORMAL")
+        self._db.execute("PRAGMA secure_delete=ON")
+        self._db.execute("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY, token TEXT, ends REAL)")
+        self._db.execute("SELECT hash, token, ends FROM sessions LIMIT 1").fetchone()
+
+
+def _hash(secret: str) -> str:
+    return hashlib.sha256(secret.encode(errors="surrogatepass")).hexdigest()

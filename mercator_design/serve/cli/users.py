@@ -1,0 +1,97 @@
+"""mdesign users: who may use the design service."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.options import FOLDER
+from mercator_design.command import print_message, print_result
+from mercator_design.serve.accounts.users import DAYS, Account, Users
+from mercator_design.serve.settings import ServiceError
+from mercator_design.system.files import writing
+
+_DATA = click.option(
+    "--data",
+    type=FOLDER,
+    default=Path("runs"),
+    show_default=True,
+    help="Data folder of the service, as of mdesign serve.",
+)
+_DAYS = click.option(
+    "--days", type=click.IntRange(1, 3650), default=DAYS, show_default=True, help="Days until the token expires."
+)
+
+
+@click.group()
+def users() -> None:
+    """Add, list and revoke users of the design service, and their tokens.
+
+    A token is shown once, on stdout. Changes count at once, also for a service that runs.
+    """
+
+
+@users.command("add")
+@click.argument("name")
+@click.option("--admin", is_flag=True, help="Let the user see and change the jobs of all.")
+@_DAYS
+@_DATA
+def add_user(name: str, *, admin: bool, days: int, data: Path) -> None:
+    """Add a user, and print a token."""
+    found = Users(data)
+    with writing(found.file, ServiceError):
+        token = found.add(name, is_admin=admin, days=days)
+    _show(name, token, days)
+
+
+@users.command("token")
+@click.argument("name")
+@_DAYS
+@_DATA
+def add_token(name: str, days: int, data: Path) -> None:
+    """Print a further token for a user; others stay valid."""
+    found = Users(data)
+    with writing(found.file, ServiceError):
+        token = found.add_token(name, days=days)
+    _show(name, token, days)
+
+
+@users.command("list")
+@_DATA
+def list_users(data: Path) -> None:
+    """List users, and the ids of their tokens."""
+    accounts = Users(data).accounts()
+    if not accounts:
+        print_message(f"{data}: there are no users: mdesign users add NAME adds one")
+        return
+    rows = [("user", "admin", "token", "expires"), *(row for account in accounts for row in _rows(account))]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print_result("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@users.command("revoke")
+@click.argument("what", metavar="NAME|TOKEN-ID")
+@_DATA
+def revoke_tokens(what: str, data: Path) -> None:
+    """Revoke all tokens of a user, or one by its id; their sessions end, too.
+
+    The user stays in the list, so nobody else gets the name with its jobs.
+    """
+    found = Users(data)
+    with writing(found.file, ServiceError):
+        name, tokens = found.revoke(what)
+    print_message(f"{name}: revoked: {', '.join(tokens) or 'nothing: there was no token'}")
+
+
+def _show(name: str, token: str, days: int) -> None:
+    print_message(f"{name}: this token is shown once; it expires in {days} days")
+    print_result(token)
+
+
+def _rows(account: Account) -> list[tuple[str, ...]]:
+    now, admin = datetime.now(UTC), "yes" if account.is_admin else ""
+    return [
+        (account.name, admin, token.id, "expired" if token.is_expired(now) else token.expires[:10])
+        for token in account.tokens
+    ] or [(account.name, admin, "", "revoked")]

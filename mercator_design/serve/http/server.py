@@ -1,0 +1,85 @@
+"""The server of the application: addresses, TLS, and how long it waits for clients."""
+
+import asyncio
+import contextlib
+import resource
+import socket
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from mercator_design.serve.settings import ServiceError
+
+_HEADER_SECONDS = 20.0
+"""Seconds in which the headers of a request have to come, from the connection or the answer before on."""
+_MAX_CONNECTIONS = 1000
+_LAST_SECONDS = 3
+"""Seconds for open answers when the service ends; event streams do not end by themselves."""
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens on an address.
+
+    Raises:
+        ServiceError: It cannot.
+    """
+    try:
+        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        return socket.create_server((host, port), family=family, backlog=2048)
+    except OSError as error:
+        raise ServiceError(f"--host {host} --port {port}: cannot listen there: {error.strerror}") from None
+
+
+def run(app: ASGIApp, listener: socket.socket, *, certificate: Path | None, key: Path | None) -> None:
+    """Serve an application until a signal ends this process."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(ValueError, OSError):  # not more than the system allows
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    config = uvicorn.Config(
+        app,
+        http=PatientProtocol,
+        ws="none",
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,  # guarded() believes only a known proxy
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+        limit_concurrency=_MAX_CONNECTIONS,
+        timeout_graceful_shutdown=_LAST_SECONDS,
+    )
+    uvicorn.Server(config).run([listener])
+
+
+class PatientProtocol(H11Protocol):
+    """HTTP that does not wait for ever for the headers of a request."""
+
+    _waiting: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:  # noqa: ANN401 - as its base
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self._wait()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Wait no longer."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request."""
+        super().on_response_complete()
+        self._wait()
+
+    def _wait(self) -> None:
+        if self._waiting is not None:
+            self._waiting.cancel()
+        self._waiting = self.loop.call_later(_HEADER_SECONDS, self._give_up)
+
+    def _give_up(self) -> None:
+        if (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing():
+            self.transport.close()

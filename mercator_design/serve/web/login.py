@@ -1,0 +1,102 @@
+"""The login page, and the ends of sessions."""
+
+from typing import Annotated
+from urllib.parse import parse_qs, urlsplit
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.accounts.accounts import TooManyFailures
+from mercator_design.serve.accounts.guard import LOGIN, LOGOUT, address_of, cookie_name, session_of
+from mercator_design.serve.accounts.sessions import DAYS
+from mercator_design.serve.http.context import TheService
+from mercator_design.serve.web.layout import page
+from mercator_design.view.markup import escaped
+
+router = APIRouter(include_in_schema=False)
+
+_MAX_TARGET = 2000
+_WRONG = "This token is not known, has expired or was revoked."
+
+
+@router.get(LOGIN)
+def login_form(request: Request, target: Annotated[str, Query(alias="to", max_length=_MAX_TARGET)] = "/") -> Response:
+    """The page on which one logs in."""
+    return RedirectResponse("/", 303) if request.state.user else login_page(target)
+
+
+@router.post(LOGIN)
+async def log_in(request: Request, service: TheService) -> Response:
+    """Begin a session with a token."""
+    accounts, scope = service.accounts, request.scope
+    fields = parse_qs((await request.body()).decode("latin-1"), max_num_fields=10)
+    (token, *_), (target, *_) = (fields.get(name, [""]) for name in ("token", "to"))
+    try:
+        holder = await accounts.holder_of_token(token.strip(), address_of(scope))
+    except TooManyFailures as error:
+        headers = {"Retry-After": str(int(error.seconds) + 1)}
+        return login_page(target, "Too many attempts have failed. Wait a minute.", status=429, headers=headers)
+    if holder is None:
+        return login_page(target, _WRONG, status=401)
+    request.state.user = holder.user
+    if (old := session_of(scope)) is not None:
+        accounts.sessions.end(old)
+    secret, is_secure = accounts.sessions.begin(holder.token, holder.expires), scope["scheme"] == "https"
+    response = RedirectResponse(_own(target), 303)
+    response.set_cookie(
+        cookie_name(is_secure=is_secure),
+        secret,
+        max_age=DAYS * 86_400,
+        secure=is_secure,
+        httponly=True,
+        samesite="strict",
+    )
+    return response
+
+
+@router.post(LOGOUT)
+def log_out(request: Request, service: TheService) -> Response:
+    """End a session."""
+    if (secret := session_of(request.scope)) is not None:
+        service.accounts.sessions.end(secret)
+    is_secure = request.scope["scheme"] == "https"
+    response = RedirectResponse(LOGIN, 303)
+    response.delete_cookie(cookie_name(is_secure=is_secure), secure=is_secure, httponly=True, samesite="strict")
+    return response
+
+
+def login_page(
+    target: str, wrong: str = "", *, status: int = 200, headers: dict[str, str] | None = None
+) -> HTMLResponse:
+    """The page on which one logs in.
+
+    Args:
+        target: The address of this service to which it leads.
+        wrong: What was wrong with the attempt before.
+        status: Of the answer.
+        headers: Further ones.
+    """
+    problem = f'<p class="problem" role="alert">{escaped(wrong)}</p>' if wrong else ""
+    form = Html(
+        f'<form method="post" action="{LOGIN}" class="fields">'
+        f'<input type="hidden" name="to" value="{escaped(_own(target))}">'
+        '<p><label for="token">Token</label><input id="token" name="token" type="password" required autofocus '
+        'autocomplete="current-password" spellcheck="false" maxlength="200"></p>'
+        '<p><button class="main">Log in</button></p></form>'
+        '<p class="faint">Who runs this service gives tokens: <code>mdesign users add NAME</code>.</p>'
+    )
+    answer = page("Log in", problem, form, user=None, status=status)
+    answer.headers.update(headers or {})
+    return answer
+
+
+def _own(target: str) -> str:
+    """An address of this service; the first page instead of any other."""
+    try:
+        parts = urlsplit(target)
+    except ValueError:
+        return "/"
+    is_own = target.startswith("/") and not target.startswith(("//", "/\\")) and not (parts.scheme or parts.netloc)
+    is_plain = target.isascii() and target.isprintable() and "\\" not in target and len(target) <= _MAX_TARGET
+    return target if is_own and is_plain and parts.path not in (LOGIN, LOGOUT) else "/"

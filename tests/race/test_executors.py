@@ -97,7 +97,7 @@ def square(x):
     return x * x
 
 if __name__ == "__main__":
-    with ProcessExecutor(2) as executor:
+    with ProcessExecutor(1) as executor:
         print(in_order(executor, square, range(5)), in_order(executor, lambda x: square(x) + 1, range(3)))
 """
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from mercator_design.config.json_data import from_json
+from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Length, Range
 from mercator_design.config.writing import plain
 from mercator_design.designer import Designer
@@ -27,12 +27,11 @@ from mercator_design.race.running.events import Number
 from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.record import Record
 from mercator_design.seeds import generator, instance_seed
-from mercator_design.system.files import Unreadable, read_small, write_text
+from mercator_design.system.files import write_text
 
 PROOF = "proof.json"
 RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
 """Names of contestants; that of a PFSM of one state is its behaviour with `ALONE`."""
-_MAX_SIZE = 16 * 1024 * 1024  # bytes
 _SHARE = 0.08  # of the budget
 _FEWEST, _MOST = 5, 50  # instances
 
@@ -90,11 +89,7 @@ def read_proof(folder: Path, record: Record) -> Proof | None:
     file = folder / PROOF
     if not file.exists():
         return None
-    try:
-        data = json.loads(read_small(file, _MAX_SIZE))
-    except (Unreadable, ValueError, RecursionError) as error:
-        raise RaceError(f"{file}: expected JSON, found something else: {error}; delete it to make it again") from None
-    proof: Proof = from_json(data, Proof, error=RaceError, label=str(file))
+    proof: Proof = read_json(file, Proof, error=RaceError)
     if any(len(one.scores) != len(proof.seeds) for one in proof.contestants):
         raise RaceError(f"{file}: expected {len(proof.seeds)} scores of each contestant; delete it to make it again")
     return proof if record.ends and proof.journal == record.ends[-1].digest else None

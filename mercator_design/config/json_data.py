@@ -6,9 +6,11 @@ config/building.py finds the mistakes, as in a YAML file.
 
 import dataclasses
 import functools
+import json
 import math
 import typing
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal
 
@@ -17,7 +19,9 @@ from mercator_design.config.building import Way, build, message
 from mercator_design.config.schema import FieldError, Kind
 from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_INTEGER, Fault, is_text, tree_of
 from mercator_design.errors import MercatorError
+from mercator_design.system.files import Unreadable, read_small
 
+_MAX_SIZE = 16 * 1024 * 1024  # bytes of a file
 WRONG: Any = object()
 """A reader returns this for data that are not of its kind."""
 
@@ -54,6 +58,21 @@ def from_json(
     else:
         wrong = message(tree, way, f"expected {schema.describe(kind)}, found something else")
     raise error(wrong)
+
+
+def read_json(file: Path, kind: Kind, *, error: type[MercatorError]) -> Any:  # noqa: ANN401 - what `kind` says
+    """The value that a JSON file describes.
+
+    Raises:
+        error: as `from_json`; or the file is missing, is too large, or has no JSON.
+    """
+    try:
+        data = json.loads(read_small(file, _MAX_SIZE))
+    except Unreadable as wrong:
+        raise error(f"{file}: {wrong}") from None
+    except (ValueError, RecursionError) as wrong:
+        raise error(f"{file}: expected JSON, found something else: {wrong}") from None
+    return from_json(data, kind, error=error, label=str(file))
 
 
 @functools.cache

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mercator_design.config.json_data import from_json
+from mercator_design.config.json_data import read_json
 from mercator_design.config.writing import plain
 from mercator_design.errors import RaceError
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Number
-from mercator_design.system.files import Unreadable, read_small, write_text
+from mercator_design.system.files import write_text
 
 PROVENANCE = "provenance.json"
-_MAX_SIZE = 1024 * 1024  # bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,13 +59,7 @@ def read(folder: Path) -> Provenance:
     file = folder / PROVENANCE
     if not file.exists():
         raise RaceError(f"{folder}: not a run folder: {PROVENANCE} is missing")
-    try:
-        data = json.loads(read_small(file, _MAX_SIZE))
-    except Unreadable as error:
-        raise RaceError(f"{folder}: not a run folder: {PROVENANCE}: {error}") from None
-    except (ValueError, RecursionError) as error:
-        raise RaceError(f"{file}: expected JSON, found something else: {error}") from None
-    provenance: Provenance = from_json(data, Provenance, error=RaceError, label=str(file))
+    provenance: Provenance = read_json(file, Provenance, error=RaceError)
     return provenance
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Any, Literal
 
-from mercator_design.config.json_data import from_json
+from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Length, Name, Range
 from mercator_design.config.writing import plain
 from mercator_design.race.running.journal import now
@@ -187,13 +187,7 @@ class Designs:
             raise ServiceError(f"{file}: {error}") from None
 
     def _read(self, file: Path) -> Design:
-        try:
-            data = json.loads(read_small(file, _MAX_SIZE))
-        except Unreadable as error:
-            raise ServiceError(f"{file}: {error}") from None
-        except (ValueError, RecursionError) as error:
-            raise ServiceError(f"{file}: expected JSON, found something else: {error}") from None
-        design: Design = from_json(data, Design, error=ServiceError, label=str(file))
+        design: Design = read_json(file, Design, error=ServiceError)
         if design.id != file.parent.name:
             raise ServiceError(f"{file}: id: expected {file.parent.name}, as its folder, found another")
         return design

@@ -15,20 +15,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mercator_design.config.json_data import from_json
+from mercator_design.config.json_data import read_json
 from mercator_design.config.writing import plain
 from mercator_design.errors import printable
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.job import Job, Request
 from mercator_design.serve.settings import ServiceError
-from mercator_design.system.files import Unreadable, read_small, sync_folder, write_text
+from mercator_design.system.files import sync_folder, write_text
 
 SERVICE = ".service"
 MISSION = "mission.yaml"
 OUTPUT = "output.txt"
 _JOB = "job.json"
 _DELETED = "deleted-"
-_MAX_SIZE = 1024 * 1024  # bytes of a job's file
 _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no characters that look alike
 
 
@@ -116,13 +115,7 @@ class Store:
             ServiceError: Its file is missing or damaged.
         """
         file = self.folder(identity) / _JOB
-        try:
-            data = json.loads(read_small(file, _MAX_SIZE))
-        except Unreadable as error:
-            raise ServiceError(f"{file}: {error}") from None
-        except (ValueError, RecursionError) as error:
-            raise ServiceError(f"{file}: expected JSON, found something else: {error}") from None
-        job: Job = from_json(data, Job, error=ServiceError, label=str(file))
+        job: Job = read_json(file, Job, error=ServiceError)
         if job.id != identity:
             raise ServiceError(f"{file}: id: expected {identity}, as its folder, found {printable(job.id)}")
         return job

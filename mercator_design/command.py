@@ -175,10 +175,11 @@ class LazyVerb(NamedTuple):
     is_light: bool = False  # whether it runs without the packages of the designer
 
 
-def lack_of_designer(what: str, error: ModuleNotFoundError) -> MercatorError:
-    """What to say where a package is not installed that only the designer needs."""
+def lack_of_designer(what: str, error: ModuleNotFoundError, extra: str = "design") -> MercatorError:
+    """What to say where a package is not installed that only the designer needs, or the service."""
+    part = {"design": "the designer", "serve": "what the design service needs"}[extra]
     return MercatorError(
-        f"{what} needs the designer: the package {error.name} is not installed; in the clone: pip install '.[design]'"
+        f"{what} needs {part}: the package {error.name} is not installed; in the clone: pip install '.[{extra}]'"
     )
 
 
@@ -204,7 +205,8 @@ class LazyGroup(click.Group):
             package = verb.module.rpartition(".")[0]
             if error.name is None or (error.name.startswith("mercator_design.") and error.name != package):
                 raise  # a bug in this program
-            raise lack_of_designer(cmd_name, error) from None
+            extra = "serve" if verb.module.startswith("mercator_design.serve.") else "design"
+            raise lack_of_designer(cmd_name, error, extra) from None
         command: click.Command = getattr(module, cmd_name)
         command.short_help = verb.help
         return command

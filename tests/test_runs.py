@@ -405,11 +405,11 @@ class TestProgress:
             monkeypatch.setenv("COLUMNS", str(columns))
             best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
             at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
-            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, optimizer=SimpleNamespace(progress=at))
+            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost)
             done = ExperimentDone(experiment=1, iteration=1, configuration=1, instance=1, seed=1, score=2.8)
             now = 0.0
-            with RaceDisplay(task, 5000, None, clock=lambda: now) as display:
-                task.optimizer.progress = replace(at, iteration=iteration, iterations=iterations)
+            with RaceDisplay(task, 5000, None, progress=lambda: at, clock=lambda: now) as display:
+                at = replace(at, iteration=iteration, iterations=iterations)
                 for _ in range(4239):
                     display.note(done)
                 now = 9.0  # what comes at once after something that was shown is not

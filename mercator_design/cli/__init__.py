@@ -22,9 +22,12 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     ),
     "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure controllers on fresh instances of a mission."),
     "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
+    "fetch": LazyVerb("mercator_design.serve.cli.fetch", "Fetch the files of a job of a service."),
+    "follow": LazyVerb("mercator_design.serve.cli.follow", "Follow a job of a service until it has ended."),
     "fsm": LazyVerb(
         "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True
     ),
+    "jobs": LazyVerb("mercator_design.serve.cli.jobs", "List and change the jobs of a service."),
     "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
     "plot": LazyVerb("mercator_design.cli.views.plot", "Plot trajectories, presence, states, distances and score."),
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),
@@ -35,6 +38,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, compare, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: a page and an HTTP API."),
+    "submit": LazyVerb("mercator_design.serve.cli.submit", "Submit a design job to a service."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "users": LazyVerb("mercator_design.serve.cli.users", "Add, list and revoke users of the design service."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from datetime import timedelta
-from typing import Any, Literal, NamedTuple, Self, get_args
+from typing import Literal, NamedTuple, Protocol, Self, get_args
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -17,7 +17,6 @@ from mercator_design.errors import printable
 from mercator_design.race.racing.summary import Progress as RaceProgress
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import BudgetExtended, Event, ExperimentDone, IterationEnded, TestDone
-from mercator_design.race.running.task import Task
 
 Mode = Literal["auto", "plain", "rich", "none"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -206,6 +205,17 @@ class Display:
         return _State(printable(text), done, self._total, rate)
 
 
+class Raced(Protocol):
+    """What is shown of a task."""
+
+    @property
+    def name(self) -> str:
+        """Of the task."""
+
+    def score(self, cost: float) -> float:
+        """The score of a cost."""
+
+
 class RaceDisplay(Display):
     """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time.
 
@@ -214,24 +224,24 @@ class RaceDisplay(Display):
         budget: Its budget.
         testing: Its tests.
         mode: How to show it.
-        progress: Returns the progress. [default: that of the task's optimizer]
+        progress: Returns the progress.
         clock: Seconds.
     """
 
     def __init__(
         self,
-        task: Task[Any],
+        task: Raced,
         budget: int,
         testing: Testing | None,
         mode: Mode = "auto",
         *,
-        progress: Callable[[], RaceProgress] | None = None,
+        progress: Callable[[], RaceProgress],
         clock: Clock = time.monotonic,
     ) -> None:
         self._raced = task
         self._budget = budget
         self._testing = testing
-        self._progress = progress or (lambda: task.optimizer.progress)
+        self._progress = progress
         self._elites: list[tuple[int, ...]] = []  # of each iteration that has ended
         self._n_run = self._n_tested = 0
         self._planned = self._progress().iterations
@@ -264,7 +274,8 @@ class RaceDisplay(Display):
     def _show_race(self) -> None:
         now = self._progress()
         # After the last iteration, the rest of the budget goes into a race of the best.
-        stage = f"iteration {now.iteration}" if now.iteration <= now.iterations else "final race"
+        is_final = 0 < now.iterations < now.iteration
+        stage = "final race" if is_final else f"iteration {now.iteration}"
         if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
             stage += f"/{now.iterations}"
         text = f"{self._raced.name}: {stage}, {now.alive} alive{self._best_text()}"

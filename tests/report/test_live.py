@@ -46,10 +46,9 @@ class TestPlainLines:
     def display(self, clock):
         best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
         at = Progress(iteration=2, iterations=9, alive=17, used=0, budget=500, best=best)
-        task = SimpleNamespace(
-            name="\x1b[31mred\n\u202e", score=lambda cost: -cost, optimizer=SimpleNamespace(progress=at)
-        )
-        return RaceDisplay(task, 500, evaluation.Testing(runs=5, elites=2), "plain", clock=clock)
+        task = SimpleNamespace(name="\x1b[31mred\n\u202e", score=lambda cost: -cost)
+        tests = evaluation.Testing(runs=5, elites=2)
+        return RaceDisplay(task, 500, tests, "plain", progress=lambda: at, clock=clock)
 
     def test_at_least_every_30_seconds(self, display, clock, capsys):
         for number in range(100):

@@ -143,7 +143,7 @@ def run(
         reports: Whether to write the report.
         proof_runs: As in `write_report`.
     """
-    record, jobs = folder.journal.record, executor.jobs
+    record, jobs, optimizer = folder.journal.record, executor.jobs, folder.task.optimizer
     for note in folder.journal.notes:
         print_note(f"Note: {note}")
     folder.journal.open_session(executor_name, jobs)
@@ -156,7 +156,9 @@ def run(
     try:
         with (
             executor,
-            RaceDisplay(folder.task, record.budget, folder.testing, progress) as display,
+            RaceDisplay(
+                folder.task, record.budget, folder.testing, progress, progress=lambda: optimizer.progress
+            ) as display,
             _mirror(optuna, folder) as mirror,
         ):
             display.known = experiments

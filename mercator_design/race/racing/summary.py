@@ -29,7 +29,7 @@ class Progress:
     """The progress of a race."""
 
     iteration: int  # from 1; the post-selection is one more than `iterations`
-    iterations: int
+    iterations: int  # 0 if it is not known
     alive: int
     used: int
     budget: int

@@ -2,11 +2,17 @@
 
 import math
 from statistics import fmean, stdev
-from typing import Any
+from typing import Protocol
 
 from mercator_design.race.racing.summary import Elite, Progress
 from mercator_design.race.running.events import ConfigurationAdded, Event, ExperimentDone, IterationEnded, ScoreRevised
-from mercator_design.race.running.task import Task
+
+
+class Scored(Protocol):
+    """A task whose scores have costs, which a race minimises."""
+
+    def cost(self, score: float) -> float:
+        """The cost of a score."""
 
 
 class Standing:
@@ -16,11 +22,12 @@ class Standing:
     does not say who was eliminated. The plan of iterations is that of the beginning of the race.
 
     Args:
-        task: The task of the race; its optimizer has not begun.
+        task: The task of the race.
+        plan: The progress of its optimizer before it has begun; without iterations, their number is not known.
     """
 
-    def __init__(self, task: Task[Any]) -> None:
-        self._task = task
+    def __init__(self, task: Scored, plan: Progress) -> None:
+        self._task, self._plan = task, plan
         self._costs: dict[int, dict[int, float]] = {}  # by configuration and instance
         self._ended: IterationEnded | None = None
         self._iteration = 1
@@ -48,13 +55,13 @@ class Standing:
     @property
     def progress(self) -> Progress:
         """The progress; the budget is that of the beginning of the race."""
-        now = self._task.optimizer.progress
+        planned = self._plan.iterations
         return Progress(
             iteration=self._iteration,
-            iterations=max(now.iterations, self._iteration),
+            iterations=max(planned, self._iteration) if planned else 0,
             alive=self._n_alive(),
             used=self._n_run,
-            budget=now.budget,
+            budget=self._plan.budget,
             best=self._best(),
         )
 

@@ -1,0 +1,37 @@
+"""mdesign follow: follows a job of a service."""
+
+import json
+
+import click
+
+from mercator_design.cli.options import PROGRESS
+from mercator_design.command import print_message, print_result
+from mercator_design.report.progress import Mode
+from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
+from mercator_design.serve.client import follow as following
+from mercator_design.serve.client.follow import STATE, JobFailed, Told, result
+
+
+@click.command(epilog=EPILOG)
+@JOB
+@click.option("--json-lines", is_flag=True, help="Print each event of the race on stdout as a line of JSON.")
+@PROGRESS
+@SERVICE
+def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
+    """Follow JOB until it has ended, and show its progress as `mdesign watch` does.
+
+    After a lost connection, it goes on where it was. Ctrl-C ends this command only, not the job.
+
+    Exit codes: 0, the job has succeeded; 1, it has failed or was cancelled, or the service refuses.
+    """
+
+    def each(told: Told) -> None:
+        if json_lines and told.kind != STATE:
+            print_result(json.dumps(told.data))
+
+    with connected(server) as connection:
+        job_at_end = following.follow(connection, job, progress, announce=print_message, each=each)
+        if job_at_end.get("state") != "succeeded":
+            raise JobFailed(result(job_at_end))
+        print_message(result(job_at_end))
+        print_message(f"Its files: mdesign fetch {job}; its page: {connection.page(job)}")

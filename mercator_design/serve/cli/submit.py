@@ -1,0 +1,85 @@
+"""mdesign submit: submits a design job to a service."""
+
+import json
+import secrets
+import time
+from pathlib import Path
+
+import click
+
+from mercator_design.cli.options import DESIGN_FLAVOUR, SEED, SET
+from mercator_design.cli.races.common import method_option
+from mercator_design.command import print_message, print_result, warn
+from mercator_design.config.loading import text_of
+from mercator_design.errors import MissionError
+from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
+from mercator_design.serve.client.connection import Lost
+
+_TRIES = 3
+
+
+@click.command(epilog=EPILOG)
+@click.argument("mission")
+@click.option("--budget", type=click.IntRange(1, 10**9), required=True, help="Maximum number of experiments.")
+@SEED
+@DESIGN_FLAVOUR
+@method_option("surrogate")
+@click.option(
+    "--test-runs",
+    type=click.IntRange(0, 10**6),
+    default=0,
+    metavar="N",
+    help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
+)
+@click.option(
+    "--priority",
+    type=click.IntRange(-100, 100),
+    default=0,
+    show_default=True,
+    help="Priority among your jobs: a higher one runs first.",
+)
+@SET
+@click.option("--json", "as_json", is_flag=True, help="Print the job as JSON, instead of its name.")
+@SERVICE
+def submit(
+    mission: str,
+    budget: int,
+    seed: int,
+    flavour: str,
+    method: str,
+    test_runs: int,
+    priority: int,
+    overrides: tuple[str, ...],
+    as_json: bool,
+    server: str,
+) -> None:
+    """Submit a job that designs control software for MISSION, and print its name.
+
+    MISSION is a YAML file, or the name of a shipped mission (see `mdesign missions`). The file may not name other files
+    of this machine, because only its text is sent. The options are those of `mdesign race`.
+
+    Exit codes: 3, the service refuses the mission or the request; 1, it cannot be reached or cannot take the job.
+    """
+    body: dict[str, object] = {
+        "budget": budget, "seed": seed, "flavour": flavour, "method": method, "test_runs": test_runs,
+        "priority": priority, "set": [*overrides],
+    }  # fmt: skip
+    file = Path(mission)
+    if file.suffix in {".yaml", ".yml"} or file.is_file():
+        body["mission_text"] = text_of(file, error=MissionError)
+    else:
+        body["mission"] = mission
+    headers = {"Idempotency-Key": secrets.token_hex(16)}  # if the answer is lost, it is submitted once
+    with connected(server) as connection:
+        for left in reversed(range(_TRIES)):
+            try:
+                answer = connection.call("POST", "/jobs", json=body, headers=headers)
+                break
+            except Lost:
+                if not left:
+                    raise
+                time.sleep(1.0)
+        warn(answer["warnings"])
+        job = answer["job"]
+        print_result(json.dumps(job, indent=2) if as_json else job["id"])
+        print_message(f"Submitted; its page: {connection.page(job['id'])}")

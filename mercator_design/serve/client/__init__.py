@@ -1,0 +1,1 @@
+"""The client of a design service: what `mdesign submit`, `jobs`, `follow` and `fetch` share."""

@@ -1,0 +1,168 @@
+"""Follows a job by its events, and goes on where it was after a lost connection."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import httpx
+from httpx_sse import EventSource, SSEError
+
+from mercator_design.errors import MercatorError, RaceError, excerpt
+from mercator_design.race.racing.summary import Progress
+from mercator_design.race.running.events import event_of
+from mercator_design.race.running.standing import Standing
+from mercator_design.report.progress import Mode, RaceDisplay
+from mercator_design.serve.client.connection import ClientError, Connection, Lost
+
+STATE = "state"
+"""The kind of events that have the job itself."""
+_ENDED = ("succeeded", "failed", "cancelled")
+_SILENCE = 60.0
+"""Seconds without a word of the service after which the connection counts as lost; it sends something every 15 s."""
+_WAITS = (0.5, 1.0, 2.0, 5.0, 10.0)
+"""Seconds before the next tries."""
+
+Sleep = Callable[[float], None]
+
+
+class Told(NamedTuple):
+    """An event of a job.
+
+    kind: "state", or that of the journal, such as "experiment".
+    data: Its data.
+    """
+
+    kind: str
+    data: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Raced:
+    """What a display needs to know of a race elsewhere."""
+
+    name: str
+    maximise: bool
+
+    def cost(self, score: float) -> float:
+        return -score if self.maximise else score
+
+    def score(self, cost: float) -> float:
+        return -cost if self.maximise else cost
+
+
+def events_of(
+    connection: Connection, job: str, *, announce: Callable[[str], None], sleep: Sleep = time.sleep
+) -> Iterator[Told]:
+    """The events of a job until it has ended: each event of its journal once, whatever happens to the connection.
+
+    Args:
+        connection: To the service.
+        job: Its identity.
+        announce: Called with a message when the connection is lost.
+        sleep: Waits for so many seconds.
+
+    Raises:
+        ClientError: There is no such job, or the service refuses to follow it.
+    """
+    place, tries, is_announced = "", 0, False
+    while True:
+        try:
+            for identity, told in _stream(connection, job, place):
+                place, tries, is_announced = identity or place, 0, False
+                yield told
+                if told.kind == STATE and told.data.get("state") in _ENDED:
+                    return
+        except Lost as lost:
+            if not is_announced:
+                announce(f"{lost.messages[0]}; trying again")
+                is_announced = True
+        sleep(_WAITS[min(tries, len(_WAITS) - 1)])
+        tries += 1
+
+
+def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str, Told]]:
+    """The events of one connection, with their places."""
+    headers = {"Accept": "text/event-stream", "Cache-Control": "no-store"} | ({"Last-Event-ID": place} if place else {})
+    timeout = httpx.Timeout(_SILENCE, connect=10.0)
+    path = f"/jobs/{quote(job, safe='')}/events"
+    with connection.answering(), connection.http.stream("GET", path, headers=headers, timeout=timeout) as answer:
+        connection.check(answer)
+        try:
+            for event in EventSource(answer).iter_sse():
+                data = json.loads(event.data)
+                if not isinstance(data, dict):
+                    raise ClientError(f"{connection.server}: expected an event, found {excerpt(event.data)}")
+                yield event.id, Told(event.event, data)
+        except (SSEError, ValueError) as error:
+            raise ClientError(f"{connection.server}: expected the events of a job: {error}") from None
+
+
+def follow(
+    connection: Connection,
+    job: str,
+    mode: Mode,
+    *,
+    announce: Callable[[str], None],
+    each: Callable[[Told], None] = lambda told: None,  # noqa: ARG005 - a name for the reader
+    sleep: Sleep = time.sleep,
+) -> dict[str, Any]:
+    """Show the progress of a job until it has ended; returns the job at its end.
+
+    Args:
+        connection: To the service.
+        job: Its identity.
+        mode: How to show it.
+        announce: Called with a message when it waits.
+        each: Called with each event.
+        sleep: Waits for so many seconds.
+
+    Raises:
+        ClientError: As `events_of`.
+    """
+    now: dict[str, Any] = connection.call("GET", f"/jobs/{quote(job, safe='')}")
+    try:
+        raced, budget, known = _Raced(str(now["name"]), now["direction"] == "maximise"), int(now["budget"]), 0
+        known = int(now["experiments"])
+    except (KeyError, TypeError, ValueError):
+        raise ClientError(f"{connection.server}: expected a job, found something else") from None
+    plan = Progress(iteration=1, iterations=0, alive=0, used=0, budget=budget, best=None)
+    standing, said = Standing(raced, plan), ""
+    with RaceDisplay(raced, budget, None, mode, progress=lambda: standing.progress) as display:
+        display.known = known
+        for told in events_of(connection, job, announce=announce, sleep=sleep):
+            each(told)
+            if told.kind == STATE:
+                now = told.data
+                if (words := _words(now)) != said and now.get("state") not in _ENDED:
+                    announce(f"{job}: {words}")
+                said = words
+            elif told.kind != "start":
+                try:
+                    event = event_of(dict(told.data))
+                except RaceError as error:
+                    raise ClientError(f"{connection.server}: {error.messages[0]}") from None
+                standing.note(event)
+                display.note(event)
+    return now
+
+
+def _words(job: dict[str, Any]) -> str:
+    """The state of a job, with its message."""
+    return ": ".join(str(job[key]) for key in ("state", "message") if job.get(key))
+
+
+def result(job: dict[str, Any]) -> str:
+    """What a job that has ended has come to."""
+    best = job.get("best")
+    score = f", best {best:.4g}" if isinstance(best, float | int) and math.isfinite(best) else ""
+    tested = job.get("tested")
+    score += f", tested {tested:.4g}" if isinstance(tested, float | int) and math.isfinite(tested) else ""
+    return f"{job.get('id')}: {_words(job)}, {job.get('experiments')} of {job.get('budget')} experiments{score}"
+
+
+class JobFailed(MercatorError):  # noqa: N818 - says what has happened
+    """A job that was followed has not succeeded."""

@@ -177,7 +177,7 @@ class LazyVerb(NamedTuple):
 
 def lack_of_designer(what: str, error: ModuleNotFoundError, extra: str = "design") -> MercatorError:
     """What to say where a package is not installed that only the designer needs, or the service."""
-    part = {"design": "the designer", "serve": "what the design service needs"}[extra]
+    part = {"design": "the designer", "serve": "the design service"}[extra]
     return MercatorError(
         f"{what} needs {part}: the package {error.name} is not installed; in the clone: pip install '.[{extra}]'"
     )

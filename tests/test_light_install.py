@@ -57,8 +57,10 @@ def test_help_of_mdesign_names_all_verbs():
 def test_what_needs_more_says_what_to_install(program, verb):
     code, out, err = light(program, verb, "aggregation")
     assert (code, out) == (1, "")
-    assert err.startswith(f"Error: {verb} needs the designer: the package ")
-    assert err.endswith(" is not installed; in the clone: pip install '.[design]'\n")
+    is_of_service = verb in VERBS and VERBS[verb].module.startswith("mercator_design.serve.")
+    part, extra = ("design service", "serve") if is_of_service else ("designer", "design")
+    assert err.startswith(f"Error: {verb} needs the {part}: the package ")
+    assert err.endswith(f" is not installed; in the clone: pip install '.[{extra}]'\n")
     assert err.count("\n") == 1
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import print_message, print_result
+from mercator_design.command import OUTPUT_FILE, print_message, print_result
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.client.fetch import fetch_file, fetch_folder
 from mercator_design.system.files import replacing, writing
@@ -18,7 +18,7 @@ from mercator_design.system.files import replacing, writing
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=OUTPUT_FILE,
     help="Folder, new or empty; with --file, a file.  [default: a folder named as the job; stdout]",
 )
 @click.option("--file", "name", metavar="NAME", help="Fetch this file alone, for example fsm.txt.")

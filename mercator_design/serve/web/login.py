@@ -30,7 +30,7 @@ def login_form(request: Request, target: Annotated[str, Query(alias="to", max_le
 async def log_in(request: Request, service: TheService) -> Response:
     """Begin a session with a token."""
     accounts, scope = service.accounts, request.scope
-    fields = parse_qs((await request.body()).decode("latin-1"), max_num_fields=10)
+    fields = parse_qs((await request.body()).decode("latin-1"))
     (token, *_), (target, *_) = (fields.get(name, [""]) for name in ("token", "to"))
     try:
         holder = await accounts.holder_of_token(token.strip(), address_of(scope))

@@ -1,0 +1,116 @@
+"""Health, readiness, figures; and the server itself, on a socket."""
+
+import asyncio
+import contextlib
+import json
+import re
+
+import pytest
+import uvicorn
+from starlette.responses import PlainTextResponse
+from starlette.testclient import TestClient
+
+from mercator_design.serve.http import server
+from mercator_design.serve.http.app import guarded
+from mercator_design.serve.http.server import PatientProtocol, listening
+
+
+def test_health_and_readiness(client):
+    assert client.get("/healthz").text == "ok\n"
+    assert client.get("/readyz").text == "ready\n"
+
+
+def test_it_is_not_ready_when_jobs_are_not_looked_after(client, service, monkeypatch):
+    monkeypatch.setattr(type(service.supervisor), "is_at_work", False)
+    answer = client.get("/readyz")
+    assert (answer.status_code, answer.text) == (503, "not ready\n")
+    assert client.get("/healthz").status_code == 200
+
+
+def test_it_is_not_ready_with_a_damaged_file_of_users(client, service):
+    service.accounts.users.file.write_text("{")
+    try:
+        assert client.get("/readyz").status_code == 503
+    finally:
+        service.accounts.users.file.unlink()
+
+
+def test_figures_are_in_the_format_of_prometheus(client, service):
+    client.get("/nothing")
+    answer = client.get("/metrics")
+    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
+    values, kinds = {}, {}
+    for line in answer.text.splitlines():
+        if line.startswith("# TYPE"):
+            _, _, name, kind = line.split()
+            kinds[name] = kind
+        elif not line.startswith("# HELP"):
+            name, value = re.fullmatch(r'([a-z_]+(?:\{[a-z]+="[^"\\]*"\})?) (\S+)', line).groups()
+            values[name] = float(value)
+    assert {name.partition("{")[0] for name in values} == kinds.keys()
+    assert values['mercator_jobs{state="running"}'] == 0
+    assert values['mercator_http_answers_total{status="404"}'] >= 1
+    assert values["mercator_ready"] == 1
+    assert values["mercator_free_disk_bytes"] > 0
+
+
+def test_figures_need_a_login_when_there_are_users(service):
+    token = service.accounts.users.add("prometheus")
+    try:
+        with TestClient(guarded(service), base_url="http://localhost") as client:
+            assert client.get("/metrics").status_code == 401
+            assert client.get("/metrics", headers={"authorization": f"Bearer {token}"}).status_code == 200
+    finally:
+        service.accounts.users.file.unlink()
+
+
+def test_a_submission_is_audited_with_its_job(client, service):
+    body = {"mission": "aggregation", "budget": 100, "set": ["robots=2", "duration=5"]}
+    answer = client.post("/api/v1/jobs", json=body)
+    assert answer.status_code == 201
+    identity = answer.json()["job"]["id"]
+    assert answer.headers["location"] == f"/api/v1/jobs/{identity}"
+    client.post(f"/api/v1/jobs/{identity}/cancel")
+    *_, submitted, cancelled = (service.data / ".service" / "audit.log").read_text().splitlines()
+    assert json.loads(submitted)["job"] == json.loads(cancelled)["job"] == identity
+    assert json.loads(submitted)["answer"] == 201
+
+
+class TestServer:
+    """The server on a socket; its waits are short, and nothing is asserted on how long they take."""
+
+    @pytest.fixture
+    def talk(self, monkeypatch):
+        monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05)
+
+        async def talking(*parts):
+            async def app(scope, receive, send):
+                await PlainTextResponse("hello")(scope, receive, send)
+
+            with listening("127.0.0.1", 0) as listener:
+                config = uvicorn.Config(
+                    app, http=PatientProtocol, ws="none", log_level="critical", lifespan="off", timeout_keep_alive=60
+                )
+                running = uvicorn.Server(config)
+                running.capture_signals = contextlib.nullcontext
+                task = asyncio.create_task(running.serve([listener]))
+                reader, writer = await asyncio.open_connection(*listener.getsockname())
+                for part in parts:
+                    writer.write(part)
+                    await writer.drain()
+                received = await reader.read()
+                writer.close()
+                running.should_exit = True
+                await task
+                return received
+
+        return lambda *parts: asyncio.run(talking(*parts))
+
+    @pytest.mark.parametrize("part", [b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: "])
+    def test_it_does_not_wait_for_headers_for_ever(self, talk, part):
+        assert talk(part) == b""
+
+    def test_nor_for_those_of_a_second_request(self, talk):
+        found = talk(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"GET / HTTP/1.1\r\n")
+        assert found.count(b"HTTP/1.1 200 OK") == 1
+        assert found.endswith(b"hello")

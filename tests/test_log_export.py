@@ -5,8 +5,6 @@ import itertools
 import json
 import math
 import re
-import subprocess
-import sys
 import tracemalloc
 from datetime import datetime, timedelta
 from importlib.metadata import version
@@ -139,12 +137,11 @@ class TestCsv:
         start = datetime.fromisoformat(events[0]["time"])
         assert (table.clock - table.time).to_numpy() == pytest.approx(start.timestamp(), rel=0.0, abs=2e-6)
 
-    def test_stdout_has_the_same(self, log):
-        line = [sys.executable, "-m", "mercator_design", "export", "csv", log, "-o", "-"]
-        done = subprocess.run(line, capture_output=True, check=True)
+    def test_stdout_has_the_same(self, mdesign, log):
         file = io.BytesIO()
         to_csv(log, file)
-        assert done.stdout == file.getvalue()
+        code, out, _ = mdesign("export", "csv", log, "-o", "-")
+        assert (code, out.encode()) == (0, file.getvalue())
 
 
 class TestSideBySide:

@@ -27,13 +27,12 @@ pytestmark = pytest.mark.timing
 
 
 @pytest.fixture
-def robots(deploy, field):
-    """The devices of r1 and r2, to which the program has been copied."""
+def robots(field):
+    """The devices of r1 and r2."""
     with Devices() as first, Devices() as second:
         for name, devices in (("r1", first), ("r2", second)):
             (field / name / "mercator").mkdir()
             (field / name / "mercator/robot.yaml").write_text(settings(devices))
-        assert deploy("fsm.txt")[0] == 0
         yield first, second
 
 
@@ -107,7 +106,6 @@ def test_they_start_without_a_device_that_the_pfsm_does_not_need(deploy, robots,
     """Else it is refused before anything is copied."""
     for devices in robots:
         devices.unplugged.add("lidar")
-    (field / "calls").unlink()
     code, _, err = deploy("fsm.txt", "--start", "--without", "lidar")
     assert (code, "Error: --without lidar: the PFSM reads neighbours, which needs the lidar\n" in err) == (2, True)
     assert not (field / "calls").exists()

@@ -213,14 +213,14 @@ def test_a_program_that_was_suspended_tells_of_the_gap(tmp_path):
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
         process.send_signal(signal.SIGSTOP)
-        time.sleep(1.5)
+        time.sleep(0.8)
         process.send_signal(signal.SIGCONT)
         devices.when(lambda: any(each.startswith("held up") for each in noted()))
         process.send_signal(signal.SIGINT)
         _, messages = process.communicate(timeout=60)
         assert process.returncode == 0, messages
     told = re.findall(r"Warning: (held up for (\S+) s: samples are missing, or have wrong times)", messages)
-    assert max(float(seconds) for _, seconds in told) > 1.0
+    assert max(float(seconds) for _, seconds in told) > 0.5
     assert [text for text, _ in told] == [each for each in noted() if each.startswith("held up")]
 
 

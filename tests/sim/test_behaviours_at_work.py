@@ -5,6 +5,7 @@ failing by luck would be below 1e-8.
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -13,13 +14,15 @@ from mercator_design.fsm import parse
 from mercator_design.sim.robot_model import load_robot_model
 from tests.sim.worlds import simulator
 
+pytestmark = pytest.mark.together
+
 SEEDS = range(40)
-LARGE = {"robots": 8, "duration": 60, "apothem": 2.5}
 
 
-def final_distances(fsm, **world):
-    """For each seed the mean distance between robots at start and end."""
-    ready = simulator(**world)
+@functools.cache
+def final_distances(fsm):
+    """For each seed the mean distance between robots at start and end, in a large arena."""
+    ready = simulator(robots=8, duration=60, apothem=2.5, placement="{shape: disc, radius: 0.9}")
     found = []
     for seed in SEEDS:
         poses = ready.run(parse(fsm), seed).trace.poses
@@ -58,12 +61,12 @@ def test_exploration_covers():
 
 @pytest.mark.parametrize("alpha", [2, 5])
 def test_attraction_gathers(alpha):
-    _, end = final_distances(f"--nstates 1 --s0 2 --att0 {alpha}", placement="{shape: disc, radius: 0.9}", **LARGE)
-    _, explored = final_distances("--nstates 1 --s0 0 --rwm0 20", placement="{shape: disc, radius: 0.9}", **LARGE)
+    _, end = final_distances(f"--nstates 1 --s0 2 --att0 {alpha}")
+    _, explored = final_distances("--nstates 1 --s0 0 --rwm0 20")
     assert standard_errors(explored - end) > 10
 
 
 @pytest.mark.parametrize("alpha", [2, 5])
 def test_repulsion_spreads(alpha):
-    start, end = final_distances(f"--nstates 1 --s0 3 --rep0 {alpha}", placement="{shape: disc, radius: 0.9}", **LARGE)
+    start, end = final_distances(f"--nstates 1 --s0 3 --rep0 {alpha}")
     assert standard_errors(end - start) > 10

@@ -134,7 +134,7 @@ def _record(kind: Kind, records: _Records) -> Json:
     specification, comments = schema.fields_of(kind), schema.comments_of(kind)
     keywords = schema.keywords_of(kind)
     if keywords is None:
-        return _object(specification, comments, _summary(kind), records)
+        return _object(specification, comments, summary_of(kind), records)
     field, rule = keywords
     fields = {name: entry for name, entry in specification.items() if name != field}
     alternatives = []
@@ -142,16 +142,16 @@ def _record(kind: Kind, records: _Records) -> Json:
         named = {rule.key: (Literal[name], dataclasses.MISSING)}
         parameters = schema.parameters_of(function)
         alternatives.append(
-            _object(fields | named | parameters, comments | schema.comments_of(function), _summary(function), records)
+            _object(fields | named | parameters, comments | schema.comments_of(function), summary_of(function), records)
         )
-    return _described(_summary(kind)) | {"oneOf": alternatives}
+    return _described(summary_of(kind)) | {"oneOf": alternatives}
 
 
 def _object(specification: Specification, comments: Mapping[str, str], summary: str, records: _Records) -> Json:
     properties = {}
     for name, (kind, default) in specification.items():
         properties[name] = _schema(kind, records)
-        properties[name] |= _described(comments.get(name) or _meaning(kind, summary))
+        properties[name] |= _described(comments.get(name) or meaning(kind, summary))
         if default is not dataclasses.MISSING:
             properties[name]["default"] = plain(default)
     return _described(summary) | {
@@ -162,21 +162,21 @@ def _object(specification: Specification, comments: Mapping[str, str], summary: 
     }
 
 
-def _meaning(kind: Kind, summary: str) -> str:
+def meaning(kind: Kind, summary: str = "") -> str:
     """The description of a key without a comment: that of its dataclass, or of the alternative."""
     base, _ = schema.unwrapped(kind)
     if schema.origin_of(base) is Literal:
         return summary
     parts = typing.get_args(base) if schema.is_union(base) else (base,)
     records = [part for part in parts if schema.is_record(part)]
-    return _summary(records[0]) if len(records) == 1 else ""
+    return summary_of(records[0]) if len(records) == 1 else ""
 
 
 def _described(text: str) -> Json:
     return {"description": text} if text else {}
 
 
-def _summary(described: Callable[..., Any]) -> str:
+def summary_of(described: Callable[..., Any]) -> str:
     """The first paragraph of a docstring; empty if `dataclass` has generated it."""
     text = inspect.getdoc(described) or ""
     return "" if text.startswith(f"{described.__name__}(") else " ".join(text.split("\n\n")[0].split())

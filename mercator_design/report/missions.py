@@ -36,21 +36,24 @@ def _table(rows: Sequence[tuple[str, ...]], width: int | None) -> str:
 
 
 def missions_json() -> str:
-    """A list of what `missions_table` shows, and source, robot model and file."""
-    missions = []
-    for name, path in shipped.missions().items():
+    """A list of what `missions_facts` gives, and the files."""
+    files = shipped.missions()
+    return json.dumps([facts | {"file": str(files[name])} for name, facts in missions_facts().items()], indent=2)
+
+
+def missions_facts() -> dict[str, dict[str, str | float]]:
+    """Name -> what `missions_table` shows, and source and robot model."""
+    found: dict[str, dict[str, str | float]] = {}
+    for name in shipped.missions():
         mission = load_mission(name)
-        missions.append(
-            {
-                "name": mission.name,
-                "description": mission.description,
-                "source": mission.source,
-                "robots": mission.robots,
-                "duration": mission.duration,
-                "robot_model": mission.robot_model,
-                "objective": mission.objective.name,
-                "direction": mission.objective.direction,
-                "file": str(path),
-            }
-        )
-    return json.dumps(missions, indent=2)
+        found[name] = {
+            "name": mission.name,
+            "description": mission.description,
+            "source": mission.source,
+            "robots": mission.robots,
+            "duration": mission.duration,
+            "robot_model": mission.robot_model,
+            "objective": mission.objective.name,
+            "direction": mission.objective.direction,
+        }
+    return found

@@ -37,6 +37,7 @@ class Service:
     desk: Desk = field(init=False)
     designs: Designs = field(init=False)
     accounts: Accounts = field(init=False)
+    cores: int = field(init=False)  # experiments of a race that run at the same time
     _lock: int = field(init=False)
     _empty: "tempfile.TemporaryDirectory[str]" = field(init=False)
 
@@ -54,8 +55,8 @@ class Service:
             if isinstance(error, (OSError, sqlite3.Error)):
                 raise ServiceError(f"{self.data / SERVICE}: the index cannot be used: {error}") from None
             raise
-        cores = settings.jobs or max(1, available_jobs() // settings.races)
-        self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, cores))
+        self.cores = settings.jobs or max(1, available_jobs() // settings.races)
+        self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, self.cores))
         self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
         self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
         self._empty = tempfile.TemporaryDirectory(prefix="mercator_design-")

@@ -12,7 +12,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from mercator_design import __version__
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
-from mercator_design.serve.http import events, files, jobs, system
+from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
@@ -48,7 +48,7 @@ def application(service: Service) -> FastAPI:
     app.state.kept = Kept(service.desk)
     report_problems(app)
     for room in (
-        *(jobs, events, files, system),
+        *(jobs, missions, events, files, system),
         *(fsms, designs),
         *(assets, login, job_list, job_page),
     ):

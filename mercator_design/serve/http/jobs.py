@@ -9,7 +9,7 @@ from mercator_design.serve.http.context import OwnJob, TheService, TheUser, Visi
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Submitted
 from mercator_design.serve.jobs.index import ORDERS
-from mercator_design.serve.jobs.job import Request, State
+from mercator_design.serve.jobs.job import State
 from mercator_design.serve.jobs.operations import NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
@@ -24,11 +24,7 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
     """Submit a design job. With the same Idempotency-Key, the same job is returned, and none is added."""
     if (body.mission_text is None) == (body.mission == ""):
         raise NotPossible("expected either mission or mission_text")
-    text = body.mission_text
-    request = Request(
-        mission=body.mission, set=tuple(body.set), budget=body.budget, method=body.method, flavour=body.flavour,
-        seed=body.seed, test_runs=body.test_runs, priority=body.priority,
-    )  # fmt: skip
+    request, text = body.request(), body.mission_text
     if key and (row := service.index.submitted(user.name, key)) is not None:
         response.status_code = 200
         return Submitted(job=Job.of(service.jobs.same(row, request, text)), warnings=[])

@@ -49,14 +49,18 @@ def save_figure(path: Path, figure: Figure, caption: str = "") -> None:
     Raises:
         OSError: The picture cannot be written.
     """
-    suffix = path.suffix.lower()
-    file = io.BytesIO()
+    write_bytes(path, file_of(figure, path.suffix, caption))
+
+
+def file_of(figure: Figure, suffix: str, caption: str = "") -> bytes:
+    """The contents of the file of a figure with a caption below it; the suffix, of FORMATS, is the format."""
+    suffix, file = suffix.lower(), io.BytesIO()
     if caption:
         below = lines_of(caption, round(18 * figure.get_figwidth()))
         figure.text(0.5, -0.01, below, ha="center", va="top", size=6.0, family="monospace")
     box = "tight" if caption else None
     figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI, bbox_inches=box, pad_inches=0.06)
-    write_bytes(path, file.getvalue())
+    return file.getvalue()
 
 
 def lines_of(text: str, length: int, most: int = 3) -> str:

@@ -24,8 +24,9 @@ from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
+from mercator_design.system.files import write_bytes
 from mercator_design.view.charts import rounded_up
-from mercator_design.view.pictures.figures import house_style, save_figure
+from mercator_design.view.pictures.figures import file_of, house_style
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
@@ -59,11 +60,16 @@ def save_preview(path: Path, simulator: Simulator, *, seed: int, caption: str = 
     Raises:
         MissionError: if the robots do not fit.
     """
+    write_bytes(path, picture_of(simulator, seed=seed, suffix=path.suffix, caption=caption))
+
+
+def picture_of(simulator: Simulator, *, seed: int, suffix: str, caption: str = "") -> bytes:
+    """As `save_preview`, but the contents of the file."""
     with house_style():
         figure = preview(simulator, seed=seed)
-        if path.suffix.lower() == ".svg":
+        if suffix.lower() == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all pixels: the viewer scales the picture
-        save_figure(path, figure, caption)
+        return file_of(figure, suffix, caption)
 
 
 def preview(simulator: Simulator, *, seed: int) -> Figure:

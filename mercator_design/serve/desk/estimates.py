@@ -1,0 +1,91 @@
+"""How long a race will take: a few of its first experiments are timed."""
+
+import functools
+import statistics
+import time
+from dataclasses import dataclass
+
+from mercator_design.serve.desk.missions import user_mission
+from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.settings import Limits
+from mercator_design.sim.simulate import Simulator
+
+_SECONDS = 2.0
+"""Computing time of the timed experiments, if there are so many."""
+_FEWEST, _MOST = 3, 40
+_ASKED = {"surrogate": 4e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
+_ASKED_USUALLY = 1e-3
+"""[s] of computing time in which a method proposes an experiment and takes its cost (`benchmarks`, two slow cores)."""
+_REPORTED = 0.1
+"""Experiments of the report, as a share of the budget."""
+_STARTED = 6.0
+"""[s] in which a race starts, and writes its report."""
+_QUICKER, _SLOWER = 0.5, 2.0
+"""Designs that are found later may make experiments quicker or slower than random ones: robots touch more, or less."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """The computing time of a race; low and high are the ends of a range.
+
+    experiment: Of an experiment, on average [s].
+    timed: Number of experiments from which it is known.
+    experiments: That the race runs, with those of its tests and its report.
+    core_seconds: Of all [s], low and high.
+    seconds: From the start of the race to its report [s], low and high.
+    """
+
+    experiment: float
+    timed: int
+    experiments: int
+    core_seconds: tuple[float, float]
+    seconds: tuple[float, float]
+
+
+def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> Cost:
+    """The computing time of the race of a job.
+
+    Args:
+        request: What the job is to do.
+        text: The text of its mission; None: the shipped one.
+        limits: Of the service.
+        cores: Experiments that run at the same time.
+
+    Raises:
+        MercatorError: The mission is not valid, or a race of it cannot begin.
+    """
+    from mercator_design.designer import Designer
+
+    simulator = Simulator(user_mission(request.mission, text, request.set, limits))
+    Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
+    times = _times(request.mission, text, request.set, request.flavour, limits)
+    experiment = statistics.fmean(times)
+    error = statistics.stdev(times) / len(times) ** 0.5 if len(times) > 1 else experiment
+    n = round(request.budget * (1.0 + _REPORTED)) + request.test_runs
+    asked = request.budget * _ASKED.get(request.method, _ASKED_USUALLY)
+    low, high = _QUICKER * max(0.0, experiment - error), _SLOWER * (experiment + error)
+    return Cost(
+        experiment=experiment,
+        timed=len(times),
+        experiments=n,
+        core_seconds=(_STARTED + n * low + 0.5 * asked, _STARTED + n * high + 2.0 * asked),
+        seconds=(_STARTED + n * low / cores + 0.5 * asked, 2.0 * _STARTED + n * high / cores + 2.0 * asked),
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _times(name: str, text: str | None, overrides: tuple[str, ...], flavour: str, limits: Limits) -> tuple[float, ...]:
+    """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
+    from mercator_design.designer import Designer
+
+    simulator = Simulator(user_mission(name, text, overrides, limits))
+    designer = Designer(simulator, budget=_MOST * 100, seed=1, flavour=flavour, method="random")
+    simulator.rehearse(announce=lambda _: None)
+    times: list[float] = []
+    for number, configuration in enumerate(dict.fromkeys(one.configuration for one in designer.optimizer.ask())):
+        if number >= _FEWEST and (number >= _MOST or sum(times) >= _SECONDS):
+            break
+        pfsm, start = designer.pfsm(configuration), time.thread_time()
+        simulator.run(pfsm, number)
+        times.append(time.thread_time() - start)
+    return tuple(times)

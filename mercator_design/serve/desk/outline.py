@@ -1,0 +1,133 @@
+"""What is where in a YAML text that may be unfinished: its pieces with their places, as far as it can be read.
+
+For marks in an editor, and to know what may be written at a place. Whether the text is valid, only config/ says.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeAlias
+
+import yaml
+
+from mercator_design.config import spelling
+from mercator_design.config.yaml_tree import LOADER, MAX_DEPTH, MAX_FILE_SIZE
+
+Step: TypeAlias = str | int
+
+
+class Mark(NamedTuple):
+    """A place in a text: line and column, from 0; columns count characters."""
+
+    line: int
+    column: int
+
+
+class Span(NamedTuple):
+    """A part of a text, without its end."""
+
+    start: Mark
+    end: Mark
+
+
+@dataclass(slots=True)
+class Piece:
+    """A scalar, a list or a mapping, which may be unfinished.
+
+    content: None for what is none of these.
+    span: Of the piece; that of an unfinished list or mapping is its beginning.
+    key: The span of the key of which it is the value.
+    """
+
+    content: "str | list[Piece] | dict[str, Piece] | None"
+    span: Span
+    key: Span | None = None
+
+    def child(self, step: Step) -> "Piece | None":
+        """The piece at a key, in either spelling, or at an index."""
+        if isinstance(self.content, dict) and isinstance(step, str):
+            return self.content.get(spelling.find(step, self.content) or "")
+        if isinstance(self.content, list) and isinstance(step, int) and step < len(self.content):
+            return self.content[step]
+        return None
+
+    def parts(self) -> Iterator[tuple[Step, "Piece"]]:
+        """The pieces in it, with their keys or indices."""
+        if isinstance(self.content, dict):
+            yield from self.content.items()
+        elif isinstance(self.content, list):
+            yield from enumerate(self.content)
+
+
+@dataclass(slots=True)
+class Outline:
+    """The pieces of a text.
+
+    root: None if there are none.
+    error: The place where YAML's syntax is violated.
+    """
+
+    root: Piece | None = None
+    error: Mark | None = None
+    _open: list[tuple[Piece, Piece | None]] = field(default_factory=list)  # lists and mappings; a mapping's last key
+
+    @classmethod
+    def of(cls, text: str) -> "Outline":
+        """The outline of a text; of one that is too long or too deep, the part that may be read."""
+        outline = cls()
+        try:
+            for event in yaml.parse(text[:MAX_FILE_SIZE], Loader=LOADER):
+                span = Span(_place(event.start_mark), _place(event.end_mark))
+                if isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+                    outline._close(span)
+                elif isinstance(event, yaml.NodeEvent):
+                    outline._add(_piece(event, span))
+                if len(outline._open) > MAX_DEPTH or isinstance(event, yaml.DocumentEndEvent):
+                    break
+        except yaml.MarkedYAMLError as error:
+            outline.error = _place(error.problem_mark)
+        except (yaml.YAMLError, UnicodeError):
+            pass
+        outline._finish()
+        return outline
+
+    def _add(self, piece: Piece) -> None:
+        if not self._open:
+            self.root = self.root or piece
+        else:
+            parent, key = self._open[-1]
+            if isinstance(parent.content, list):
+                parent.content.append(piece)
+            elif key is None:
+                self._open[-1] = parent, piece
+            else:
+                self._put(parent, key, piece)
+                self._open[-1] = parent, None
+        if isinstance(piece.content, (list, dict)):
+            self._open.append((piece, None))
+
+    def _close(self, span: Span) -> None:
+        piece, _ = self._open.pop()
+        piece.span = Span(piece.span.start, span.end)
+
+    def _finish(self) -> None:
+        """Keep the keys that have no value yet."""
+        for parent, key in self._open:
+            if key is not None:
+                self._put(parent, key, Piece(None, key.span))
+
+    def _put(self, parent: Piece, key: Piece, piece: Piece) -> None:
+        if isinstance(parent.content, dict) and isinstance(key.content, str):
+            piece.key = key.span
+            parent.content.setdefault(key.content, piece)
+
+
+def _place(mark: Any) -> Mark:  # noqa: ANN401 - yaml's parsers have different ones
+    return Mark(mark.line, mark.column) if mark else Mark(0, 0)
+
+
+def _piece(event: yaml.NodeEvent, span: Span) -> Piece:
+    if isinstance(event, yaml.ScalarEvent):
+        return Piece(str(event.value), span)
+    if isinstance(event, yaml.SequenceStartEvent):
+        return Piece([], span)
+    return Piece({}, span) if isinstance(event, yaml.MappingStartEvent) else Piece(None, span)

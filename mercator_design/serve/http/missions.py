@@ -1,0 +1,166 @@
+"""Routes on missions: the shipped ones, and what can be said of a mission before it is submitted."""
+
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Response
+from fastapi import Path as InPath
+from fastapi.responses import PlainTextResponse
+from pydantic import BaseModel
+
+from mercator_design.config import shipped
+from mercator_design.config.json_schema import json_schema
+from mercator_design.config.loading import text_of
+from mercator_design.errors import MissionError
+from mercator_design.missions.mission import Mission
+from mercator_design.report.missions import missions_facts
+from mercator_design.serve.desk.completion import Completions, completions
+from mercator_design.serve.desk.estimates import Cost, cost_of
+from mercator_design.serve.desk.missions import MissionReview, mission_text, picture, raced_mission_text, review
+from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
+from mercator_design.serve.http.problems import RESPONSES, Missing
+from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.waiting import Wait, remaining_seconds, wait_of
+from mercator_design.serve.service import Service
+
+router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)  # type: ignore[arg-type]
+
+_TYPES = {"svg": "image/svg+xml", "png": "image/png"}
+_PICTURE = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+_TEXT = {"X-Content-Type-Options": "nosniff"}
+
+
+class ShippedMission(BaseModel):
+    """A mission that comes with the program."""
+
+    name: str
+    description: str
+    source: str
+    robots: int
+    duration: float
+    robot_model: str
+    objective: str
+    direction: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """How long a job will take, if nobody else uses the machine.
+
+    cost: Of its race.
+    cores: Experiments of a race that run at the same time.
+    wait: What is before it.
+    """
+
+    cost: Cost
+    cores: int
+    wait: Wait
+
+
+@cache
+def shipped_missions() -> MappingProxyType[str, ShippedMission]:
+    """Name -> facts of the shipped missions."""
+    return MappingProxyType({name: ShippedMission.model_validate(one) for name, one in missions_facts().items()})
+
+
+@router.get("/missions")
+def missions() -> list[ShippedMission]:
+    """List the shipped missions."""
+    return [*shipped_missions().values()]
+
+
+@router.get("/missions/{name}", response_class=PlainTextResponse)
+def mission(name: Annotated[str, InPath(max_length=200)]) -> PlainTextResponse:
+    """Fetch the YAML of a shipped mission, with its comments."""
+    file = shipped.missions().get(name)
+    if file is None:
+        raise Missing(f"there is no shipped mission {name}")
+    return PlainTextResponse(text_of(file, error=MissionError), headers=_TEXT)
+
+
+@router.get("/jobs/{id}/mission", response_class=PlainTextResponse)
+def mission_of_job(service: TheService, row: VisibleJob) -> PlainTextResponse:
+    """Fetch the mission of a job as a YAML that can be submitted again; its overrides are in it."""
+    return PlainTextResponse(text_of_job(service, row), headers=_TEXT)
+
+
+@router.post("/missions/check")
+def check(service: TheService, body: MissionToCheck) -> MissionReview:
+    """Check a mission: all mistakes and warnings with their places, and its facts if it can be read."""
+    given = body.mission, body.mission_text, tuple(body.set)
+    return service.desk.run(review, *given, body.flavour, service.settings.limits)
+
+
+@router.post(
+    "/missions/preview",
+    response_class=Response,
+    responses={
+        200: {"content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in _TYPES.values()}}
+    },
+)
+def preview(service: TheService, body: MissionToShow) -> Response:
+    """Draw a mission from above: floor, zones, arena, where robots may start and what they can reach."""
+    given = body.mission, body.mission_text, tuple(body.set)
+    data = service.desk.run(picture, *given, service.settings.limits, body.seed, body.kind)
+    return Response(data, media_type=_TYPES[body.kind], headers=_PICTURE)
+
+
+@router.post("/missions/complete")
+def complete(service: TheService, body: TextToComplete) -> Completions:
+    """List what may be written at a place of a mission file, which may be unfinished."""
+    return service.desk.run(completions, body.text, body.line, body.column)
+
+
+@router.post("/missions/estimate")
+def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
+    """Estimate how long a job will take and wait, from a few of its experiments, which are run and timed."""
+    request, settings = body.request(), service.settings
+    cost = service.desk.run(cost_of, request, body.mission_text, settings.limits, service.cores)
+    queued, _ = service.index.find(None, states=("queued",), descending=False, limit=-1)
+    running, _ = service.index.find(None, states=("running",), limit=-1)
+    usual = sum(cost.seconds) / 2.0 / request.budget
+    wait = wait_of(
+        Row(id="", owner=user.name, name="", state="queued", priority=request.priority),
+        queued,
+        running,
+        seconds=lambda row: remaining_seconds(row, usual),
+        races=settings.races,
+        max_running=settings.limits.running,
+    )
+    return Estimate(cost=cost, cores=service.cores, wait=wait)
+
+
+@router.get("/schema/mission")
+def schema(service: TheService) -> dict[str, Any]:
+    """Fetch the JSON Schema of mission files, for editors."""
+    return service.desk.run(mission_schema)
+
+
+def mission_schema() -> dict[str, Any]:
+    """The JSON Schema of mission files, with the objectives of the service's plugins."""
+    return json_schema(Mission, title="A mission", given=("name",))
+
+
+def text_of_job(service: Service, row: Row) -> str:
+    """The mission of a job as a text that can be submitted again.
+
+    Raises:
+        MissionError: It cannot be submitted, for example because it has an image.
+    """
+    limits = service.settings.limits
+    if row.is_job:
+        request, text = service.store.read(row.id).request, service.store.text(row.id)
+        return service.desk.run(mission_text, request.mission, text, request.set, limits)
+    folder = service.store.run_folder(row.id)
+    if not (folder / "mission.yaml").exists():
+        raise Missing(f"{row.id} has no mission")
+    model = text_of(folder / "robot_model.yaml", error=MissionError)
+    text = text_of(folder / "mission.yaml", error=MissionError)
+    return service.desk.run(raced_mission_text, text, model, limits)

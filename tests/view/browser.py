@@ -82,6 +82,34 @@ class Page:
             self._call("Input.dispatchKeyEvent", type="keyDown", key=key, **code, **text)
             self._call("Input.dispatchKeyEvent", type="keyUp", key=key, **code)
 
+    def drag(self, start, end):
+        """Press the mouse at a place in sight [pixels], move it to another, and release it; at one place: click."""
+        (x, y), (to_x, to_y) = start, end
+        button = {"button": "left", "clickCount": 1}
+        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        self._call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **button)
+        for share in (0.3, 0.7, 1.0) if start != end else ():
+            there = {"x": x + share * (to_x - x), "y": y + share * (to_y - y)}
+            self._call("Input.dispatchMouseEvent", type="mouseMoved", buttons=1, **there)
+        self._call("Input.dispatchMouseEvent", type="mouseReleased", x=to_x, y=to_y, **button)
+
+    def middle(self, selector: str):
+        """The middle of an element [pixels], which comes into sight."""
+        self.wait_for(f"document.querySelector({json.dumps(selector)})")
+        return tuple(
+            self.evaluate(
+                f"(() => {{ const one = document.querySelector({json.dumps(selector)});"
+                "one.scrollIntoView({ block: 'nearest', behavior: 'instant' });"
+                "const box = one.getBoundingClientRect();"
+                "return [box.left + box.width / 2, box.top + box.height / 2]; })()"
+            )
+        )
+
+    def click(self, selector: str):
+        """Click an element with the mouse."""
+        place = self.middle(selector)
+        self.drag(place, place)
+
     def screenshot(self, file: Path, *, whole=True):
         """Write a picture of the page, of all of it or of what is in sight."""
         found = self._call("Page.captureScreenshot", captureBeyondViewport=whole)

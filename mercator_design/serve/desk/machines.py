@@ -51,7 +51,7 @@ class Machines:
         return simulator, found
 
 
-def checked(fsm: FsmSource, mission: MissionSource | None, limits: Limits) -> dict[str, Any]:
+def checked(fsm: FsmSource, mission: MissionSource | None, limits: Limits, *, narrow: bool = False) -> dict[str, Any]:
     """What is to be said of an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it.
 
     Raises:
@@ -63,10 +63,10 @@ def checked(fsm: FsmSource, mission: MissionSource | None, limits: Limits) -> di
     except FsmError as error:
         start = f"{FSM}: " if "\n" in fsm.text.strip() else f"{FSM}:1: "  # the line of one line says nothing
         return {"valid": False, "errors": [one.removeprefix(start) for one in error.messages]}
-    return {"valid": True, "errors": [], **forms(found, simulator)}
+    return {"valid": True, "errors": [], **forms(found, simulator, narrow=narrow)}
 
 
-def forms(found: FsmFile, simulator: Simulator | None = None) -> dict[str, Any]:
+def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = False) -> dict[str, Any]:
     """An FSM as text, YAML, data, words and a picture; with findings, on a mission if one is known."""
     on = None if simulator is None else (simulator.mission, simulator.robot_model)
     written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
@@ -78,7 +78,7 @@ def forms(found: FsmFile, simulator: Simulator | None = None) -> dict[str, Any]:
         "structure": {key: value for key, value in plain(parse_yaml(written, FSM)).items() if key != "header"},
         "explanation": explanation(found.pfsm, found.names, cycle),
         "findings": [asdict(one) for one in lint(found.pfsm, found.names, *(on or ()))],
-        "diagram": diagram_svg(found.pfsm, found.names),
+        "diagram": diagram_svg(found.pfsm, found.names, narrow=narrow),
     }
 
 

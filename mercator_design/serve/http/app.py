@@ -16,9 +16,10 @@ from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
-from mercator_design.serve.web import assets, login
+from mercator_design.serve.web import assets, compare, gallery, login
 from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
+from mercator_design.serve.web import machines as machine_pages
 from mercator_design.serve.web.kept import Kept
 
 THIS_MACHINE = Entrance()
@@ -50,7 +51,7 @@ def application(service: Service) -> FastAPI:
     for room in (
         *(jobs, missions, events, files, system),
         *(fsms, designs),
-        *(assets, login, job_list, job_page),
+        *(assets, login, job_list, job_page, machine_pages, compare, gallery),
     ):
         app.include_router(room.router)
     return app

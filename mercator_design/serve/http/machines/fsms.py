@@ -43,7 +43,7 @@ def check(service: TheService, user: TheUser, body: CheckRequest) -> CheckedFsm:
     """Check an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it."""
     source = FsmSource(name="", text=fsm_text(body.fsm), flavour=body.flavour)
     mission = None if body.mission is None else mission_given(service, user, body.mission)
-    return CheckedFsm(**service.desk.run(checked, source, mission, service.settings.limits))
+    return CheckedFsm(**service.desk.run(checked, source, mission, service.settings.limits, narrow=body.narrow))
 
 
 @router.post("/fsms/evaluate")

@@ -158,6 +158,7 @@ class CheckRequest(Body):
     fsm: FsmText | StructuredFsm
     flavour: Annotated[Flavour | None, Field(description="Of a text that does not say it.")] = None
     mission: MissionBody | None = None
+    narrow: Annotated[bool, Field(description="Whether the states of the diagram are in a column.")] = False
 
 
 class ReplayRequest(Body):

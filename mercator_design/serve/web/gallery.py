@@ -1,0 +1,96 @@
+"""The gallery: saved designs, and the winners of jobs."""
+
+from collections.abc import Sequence
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+
+from mercator_design.report.page.markup import Html, facts_list
+from mercator_design.serve.accounts.users import User
+from mercator_design.serve.designs import Design
+from mercator_design.serve.http.context import TheService, TheUser
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.web.layout import page
+from mercator_design.serve.web.machines import SCRIPTS, STYLES
+from mercator_design.view.charts import number
+from mercator_design.view.markup import escaped
+
+router = APIRouter(include_in_schema=False)
+
+_MOST = 60
+"""Designs and jobs on the page, of each kind, the newest first."""
+
+
+@router.get("/gallery")
+def gallery(
+    service: TheService, user: TheUser, text: Annotated[str, Query(max_length=200)] = "", own: bool = False
+) -> HTMLResponse:
+    """Own and shared designs, and own and shared jobs that have succeeded."""
+    whose = user.name if own else ""
+    saved = service.designs.find(user.name, owner=whose, text=text)[:_MOST]
+    rows, _ = service.index.find(user.name, states=("succeeded",), owner=whose, text=text, limit=_MOST)
+    cards = [
+        *((one.created, _of_design(one, user)) for one in saved),
+        *((row.ended or row.submitted, _of_job(row)) for row in rows),
+    ]
+    cards.sort(key=lambda card: card[0], reverse=True)
+    checked = " checked" if own else ""
+    shown = "".join(card for _, card in cards)
+    nothing = '<p class="faint">Nothing is here yet: save a design in the <a href="/fsm">FSM editor</a>.</p>'
+    return page(
+        "Gallery",
+        f"""<form class="actions run" role="search">
+<div><label for="text">Name or mission</label>
+<input id="text" name="text" maxlength="200" value="{escaped(text)}"></div>
+<label class="check"><input type="checkbox" name="own" value="true"{checked}> Only mine</label>
+<button>Show</button><button type="button" id="compare" disabled>Compare the chosen</button></form>
+<div class="cards" id="cards">{shown}</div>{"" if cards else nothing}
+<dialog class="large" id="viewer" aria-label="Replay">
+<div class="actions"><button type="button" id="close">Close</button></div><div id="replay"></div></dialog>""",
+        user=user,
+        here="/gallery",
+        scripts=(*SCRIPTS, "gallery.js"),
+        styles=STYLES,
+    )
+
+
+def _of_design(one: Design, user: User) -> Html:
+    score = None if one.mean is None else f"{number(one.mean)} (mean of {len(one.scores)} instances, {one.direction})"
+    facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", _day(one.created))]
+    mine = ""
+    if user.is_admin or one.owner == user.name:
+        word = "Keep to yourself" if one.shared else "Share"
+        mine = (
+            f'<button type="button" data-share="{str(not one.shared).lower()}">{word}</button>'
+            '<button type="button" class="danger" data-delete>Delete</button>'
+        )
+    fetch = f"/api/v1/designs/{one.id}/fsm.txt"
+    return _card("design", one.id, one.name, facts, fetch, f"{mine}<span class='problem' role='alert'></span>")
+
+
+def _of_job(row: Row) -> Html:
+    best = row.best if row.tested is None else row.tested
+    where = "in its race" if row.tested is None else "in its tests"
+    score = None if best is None else f"{number(best)} (mean {where}, {row.direction})"
+    link = Html(f'<a href="/jobs/{quote(row.id)}"><bdi>{escaped(row.id)}</bdi></a>') if row.is_job else row.id
+    facts = [("Job", link), ("Score", score), ("By", row.owner or None), ("Ended", _day(row.ended or row.submitted))]
+    return _card("job", row.id, row.name, facts, f"/api/v1/jobs/{quote(row.id)}/files/fsm.txt", "")
+
+
+def _card(kind: str, identity: str, name: str, facts: Sequence[tuple[str, object]], fetch: str, more: str) -> Html:
+    key = escaped(identity)
+    return Html(
+        f'<article class="card" id="{key}" data-kind="{kind}" data-id="{key}"><h2><bdi>{escaped(name)}</bdi></h2>'
+        f'<div class="diagram" aria-busy="true"></div>{facts_list(facts)}'
+        f'<label class="check"><input type="checkbox" data-compare> Compare'
+        f'<span class="sr"> {escaped(name)}</span></label>'
+        f'<div class="actions"><button type="button" data-replay>Replay</button>'
+        f'<a class="button" href="/fsm?{kind}={quote(identity)}">Edit</a>'
+        f'<a class="button" href="{escaped(fetch)}" download="fsm.txt">fsm.txt</a>{more}</div></article>'
+    )
+
+
+def _day(time: str) -> str:
+    return time[:10]

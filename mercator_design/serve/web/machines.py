@@ -1,0 +1,113 @@
+"""The page on which users draw FSMs, run them, and compare them with those of jobs."""
+
+from collections.abc import Iterable
+
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from mercator_design.config import shipped
+from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.accounts.users import User
+from mercator_design.serve.designs import Design
+from mercator_design.serve.http.context import TheService, TheUser
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.service import Service
+from mercator_design.serve.web.layout import page
+from mercator_design.view.markup import escaped
+
+router = APIRouter(include_in_schema=False)
+
+SCRIPTS = ("viewer.js", "results.js")
+STYLES = ("viewer.css", "fsm.css")
+_MOST = 200
+"""Jobs and designs that a list offers, the newest first."""
+
+
+@router.get("/fsm")
+def editor(service: TheService, user: TheUser) -> HTMLResponse:
+    """Draw an FSM: `?job=ID` starts from its winner, `?design=ID` from a design."""
+    flavours = options((one, one) for one in FLAVOURS)
+    rivals = Html(f'<option value="">nothing</option>{designs(service, user)}')
+    return page(
+        "FSM editor",
+        f"""<form class="fields" id="setting">
+<div><label for="mission">Mission</label><select id="mission">{missions(service, user)}</select></div>
+<div><label for="flavour">Flavour</label><select id="flavour">{flavours}</select></div>
+<div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>
+<div><label for="start">Start from</label><select id="start"></select></div>
+</form>
+<div class="bench">
+<section id="drawing" aria-label="Diagram">
+<div class="actions"><button type="button" id="add-state">Add a state</button>
+<button type="button" id="undo">Undo</button><button type="button" id="redo">Redo</button></div>
+<div id="diagram" class="diagram"></div>
+<p class="faint hint">Drag from one state to another to add a transition. Click a state or a transition to change it;
+Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transitions of a state.</p>
+<div id="notes" aria-live="polite"></div>
+</section>
+<section id="part" aria-label="Selected part"></section>
+</div>
+<form id="running" class="actions run">
+<div><label for="runs">Instances</label><input id="runs" type="number" min="1"
+max="{service.settings.limits.runs}" value="20"></div>
+<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>
+<button class="main" id="run">Run</button><span id="progress" class="faint" role="status"></span>
+</form>
+<div id="results"></div>
+<section><h2>Text and words</h2>
+<label for="text">fsm.txt: to copy, or to paste another FSM (also an fsm.yaml)</label>
+<textarea id="text" rows="3" spellcheck="false" autocapitalize="off"></textarea>
+<div class="actions"><button type="button" id="use-text">Use this text</button>
+<button type="button" id="copy-text">Copy</button><span id="text-problem" class="problem" role="alert"></span></div>
+<pre id="words"></pre></section>
+<section><h2>Save this design</h2><form id="saving" class="actions run">
+<div><label for="name">Name</label><input id="name" maxlength="100" required autocomplete="off"></div>
+<label class="check"><input id="shared" type="checkbox" checked> Share it with all users</label>
+<button>Save</button><span id="saved" role="status"></span></form></section>
+<noscript><p class="problem">This page needs JavaScript.</p></noscript>""",  # noqa: S608 - no SQL
+        user=user,
+        here="/fsm",
+        scripts=(*SCRIPTS, "fsm.js"),
+        styles=STYLES,
+    )
+
+
+def options(of: Iterable[tuple[str, str]]) -> Html:
+    """The options of a list: value and text."""
+    return Html("".join(f'<option value="{escaped(value)}">{escaped(text)}</option>' for value, text in of))
+
+
+def missions(service: Service, user: User) -> Html:
+    """Options: the missions that a user may use, as `kind:name`."""
+    own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in _jobs(service, user)]
+    saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in _designs(service, user)]
+    return Html(
+        _group("Shipped missions", [(f"mission:{name}", name) for name in shipped.missions()])
+        + _group("Missions of jobs", own)
+        + _group("Missions of designs", saved)
+    )
+
+
+def designs(service: Service, user: User) -> Html:
+    """Options: winners of jobs, and saved designs, as `kind:id`."""
+    jobs = [
+        (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'succeeded' else 'best so far'} of {one.id}")
+        for one in _jobs(service, user)
+        if one.best is not None
+    ]
+    saved = [(f"design:{one.id}", f"{one.mission}: {one.name} by {one.owner}") for one in _designs(service, user)]
+    return Html(_group("Jobs", jobs) + _group("Designs", saved))
+
+
+def _group(name: str, of: list[tuple[str, str]]) -> str:
+    return f'<optgroup label="{name}">{options(of)}</optgroup>' if of else ""
+
+
+def _jobs(service: Service, user: User) -> list[Row]:
+    rows, _ = service.index.find(None if user.is_admin else user.name, limit=_MOST)
+    return rows
+
+
+def _designs(service: Service, user: User) -> list[Design]:
+    return service.designs.find(None if user.is_admin else user.name)[:_MOST]

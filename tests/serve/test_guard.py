@@ -528,9 +528,13 @@ def stream(parts):
         headers = [(b"content-type", b"text/event-stream")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         gone = asyncio.ensure_future(receive())
-        while not gone.done() and (part := await parts.get()):
-            await send({"type": "http.response.body", "body": part, "more_body": True})
-            await asyncio.sleep(0)
+        while not gone.done():
+            part = asyncio.ensure_future(parts.get())
+            await asyncio.wait((part, gone), return_when=asyncio.FIRST_COMPLETED)
+            if not part.done() or not part.result():
+                break
+            await send({"type": "http.response.body", "body": part.result(), "more_body": True})
+        part.cancel()
         gone.cancel()
 
     return answer
@@ -597,9 +601,9 @@ class TestStreams:
         self.watching(guard, application, ana, steps)
         assert not accounts.streams
 
-    @pytest.mark.parametrize("way", ["token", "session", "logout", "local"])
+    @pytest.mark.parametrize("way", ["token", "session", "logout", "local", "service"])
     def test_it_ends_with_the_login(self, guard, application, request, accounts, way):
-        if way == "local":
+        if way in ("local", "service"):
             headers = {}
         else:
             headers = request.getfixturevalue("ana" if way == "token" else "session")
@@ -608,7 +612,10 @@ class TestStreams:
         async def steps(app, parts, got):
             await parts.put(b"first")
             await self.until(lambda: got and got[-1].get("body") == b"first")
-            if way == "local":
+            if way == "service":
+                accounts.end_streams()
+                await self.until(lambda: len(got) == 3)
+            elif way == "local":
                 accounts.users.add("ana")
             elif way == "logout":
                 accounts.sessions.end(secret)
@@ -618,7 +625,8 @@ class TestStreams:
             await self.until(lambda: len(got) == 3)
 
         *_, last = self.watching(guard, application, headers, steps)
-        assert last == {"type": "http.response.body", "body": b"", "more_body": False}
+        assert last == {"type": "http.response.body", "body": b""}
+        assert not accounts.streams
 
 
 class TestAudit:

@@ -3,8 +3,9 @@
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -52,6 +53,7 @@ class Accounts:
         self.attempts = Attempts(clock)
         self.answers: Counter[int] = Counter()
         self.streams: Counter[str] = Counter()
+        self._ends: set[asyncio.Event] = set()
         self._verifier = ThreadPoolExecutor(1, "verifier")  # scrypt is slow on purpose: one at a time
 
     def close(self) -> None:
@@ -59,6 +61,24 @@ class Accounts:
         self._verifier.shutdown(cancel_futures=True)
         self.sessions.close()
         self.audit.close()
+
+    @contextmanager
+    def streaming(self, name: str, ended: asyncio.Event) -> Iterator[None]:
+        """Count an event stream of a user while it is open; the event is set when it has to end."""
+        self.streams[name] += 1
+        self._ends.add(ended)
+        try:
+            yield
+        finally:
+            self._ends.discard(ended)
+            self.streams[name] -= 1
+            if not self.streams[name]:
+                del self.streams[name]
+
+    def end_streams(self) -> None:
+        """End all event streams, because the service ends."""
+        for ended in self._ends:
+            ended.set()
 
     async def holder_of_token(self, text: str, address: str) -> Holder | None:
         """Whose token an address shows; None if it is not valid, which counts as a failed attempt.

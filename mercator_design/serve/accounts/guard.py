@@ -231,20 +231,16 @@ class Guard:
                 end.cancel()
 
         async def sent(message: Message) -> None:
-            if ended.is_set():
-                return
-            if message["type"] == "http.response.body" and not self._is_still_in(visit):
+            is_start = message["type"] == "http.response.start"
+            if not (is_start or self._is_still_in(visit)):
                 ended.set()
-                message = {"type": "http.response.body", "body": b"", "more_body": False}
-            await visit.send(message)
+            if is_start or not ended.is_set():
+                await visit.send(message)
 
-        streams[name] += 1
-        try:
+        with self._accounts.streaming(name, ended):
             await self._app(visit.scope, received, sent)
-        finally:
-            streams[name] -= 1
-            if not streams[name]:
-                del streams[name]
+            if ended.is_set() and visit.status and not visit.is_complete:
+                await visit.send({"type": "http.response.body", "body": b""})
 
     def _is_still_in(self, visit: "_Visit") -> bool:
         """Whether the user of a stream is still logged in."""
@@ -286,6 +282,7 @@ class _Visit:
         self.is_read = False  # whether the body was read
         self.status = 0
         self.location = ""  # of what was made
+        self.is_complete = False  # whether the answer has ended
 
     @property
     def user(self) -> User | None:
@@ -305,6 +302,8 @@ class _Visit:
             if self.scope["scheme"] == "https":
                 headers.setdefault("Strict-Transport-Security", _YEAR)
             self.location = headers.get("location", "") if self.status == 201 else ""
+        else:
+            self.is_complete = not message.get("more_body", False)
         await self._send(message)
 
 

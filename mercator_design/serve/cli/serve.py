@@ -57,4 +57,5 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
         address = f"[{host}]" if ":" in host else host
         scheme = "https" if entrance.has_tls else "http"
         print_message(f"Serving {data} at {scheme}://{address}:{listener.getsockname()[1]}/ (Ctrl-C stops)")
-        run(guarded(service, entrance), listener, certificate=certificate, key=key)
+        app = guarded(service, entrance)
+        run(app, listener, certificate=certificate, key=key, at_end=service.accounts.end_streams)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import resource
 import socket
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ from mercator_design.serve.settings import ServiceError
 _HEADER_SECONDS = 20.0
 """Seconds in which the headers of a request have to come, from the connection or the answer before on."""
 _MAX_CONNECTIONS = 1000
-_LAST_SECONDS = 3
-"""Seconds for open answers when the service ends; event streams do not end by themselves."""
+_LAST_SECONDS = 10
+"""Seconds for open answers when the service ends."""
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -33,8 +34,15 @@ def listening(host: str, port: int) -> socket.socket:
         raise ServiceError(f"--host {host} --port {port}: cannot listen there: {error.strerror}") from None
 
 
-def run(app: ASGIApp, listener: socket.socket, *, certificate: Path | None, key: Path | None) -> None:
-    """Serve an application until a signal ends this process."""
+def run(
+    app: ASGIApp,
+    listener: socket.socket,
+    *,
+    certificate: Path | None = None,
+    key: Path | None = None,
+    at_end: Callable[[], None],
+) -> None:
+    """Serve an application until a signal ends this process; then call `at_end`, which ends event streams."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(ValueError, OSError):  # not more than the system allows
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
@@ -51,7 +59,19 @@ def run(app: ASGIApp, listener: socket.socket, *, certificate: Path | None, key:
         limit_concurrency=_MAX_CONNECTIONS,
         timeout_graceful_shutdown=_LAST_SECONDS,
     )
-    uvicorn.Server(config).run([listener])
+    _Server(config, at_end).run([listener])
+
+
+class _Server(uvicorn.Server):
+    """A server that does not wait for answers without an end."""
+
+    def __init__(self, config: uvicorn.Config, at_end: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._at_end = at_end
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._at_end()
+        await super().shutdown(sockets)
 
 
 class PatientProtocol(H11Protocol):

@@ -1,11 +1,7 @@
 """Workers run the plugins that a race began with, whatever becomes of their files, and refuse all else."""
 
-import json
 import os
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +14,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import load_plugin
 from mercator_design.race.running.dask_executor import DaskExecutor
-from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, in_order
+from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor, WorkerUnfit, in_order
 from mercator_design.sim.simulate import Simulator
 from tests.race.work import process_of
 
@@ -121,19 +117,6 @@ class TestProcesses:
             assert scores(executor, function) == [3.5] * 4
 
 
-SESSION = """
-import json, sys
-from mercator_design.race.running.dask_executor import DaskExecutor
-from mercator_design.race.running.executors import in_order
-from mercator_design.missions.plugins import load_plugin
-from tests.test_plugins_on_workers import function_of, scores
-
-load_plugin(sys.argv[2])
-with DaskExecutor(sys.argv[1]) as executor:
-    print(json.dumps(scores(executor, function_of())))
-"""
-
-
 @pytest.mark.timing
 class TestDask:
     @pytest.fixture
@@ -145,25 +128,24 @@ class TestDask:
             yield cluster
 
     def race(self, cluster, plugin):
-        """The scores of a race of a new process on the same workers."""
-        root = Path(__file__).parents[1]
-        command = [sys.executable, "-c", SESSION, cluster.scheduler_address, str(plugin)]
-        return subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
+        """The scores of a race that knows no plugin of before, as in a new process, on the same workers."""
+        restore = plugins.snapshot()
+        try:
+            load_plugin(plugin)
+            with DaskExecutor(cluster.scheduler_address) as executor:
+                return scores(executor, function_of())
+        finally:
+            restore()
 
     def test_an_edited_plugin_is_not_run_in_its_old_form(self, cluster, tmp_path):
         (tmp_path / "my.py").write_text(OBJECTIVE)
-        load_plugin(tmp_path / "my.py")
-        with DaskExecutor(cluster.scheduler_address) as executor:
-            assert scores(executor, function_of()) == [1.0] * 4
-        done = self.race(cluster, tmp_path / "my.py")
-        assert done.returncode == 0, done.stderr
-        assert json.loads(done.stdout) == [1.0] * 4
+        for _ in range(2):
+            assert self.race(cluster, tmp_path / "my.py") == [1.0] * 4
         (tmp_path / "my.py").write_text(OBJECTIVE.replace("1.0", "1000.0"))
-        done = self.race(cluster, tmp_path / "my.py")
-        assert done.returncode == 1
-        assert "WorkerUnfit: a worker (process " in done.stderr
-        assert "my.py: another plugin of that name (digest " in done.stderr
-        assert "start this process anew" in done.stderr
+        with pytest.raises(WorkerUnfit, match=r"a worker \(process ") as error:
+            self.race(cluster, tmp_path / "my.py")
+        assert "my.py: another plugin of that name (digest " in str(error.value)
+        assert "start this process anew" in str(error.value)
 
 
 class TestFiles:

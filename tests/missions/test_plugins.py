@@ -364,7 +364,7 @@ def test_references_to_zones_are_found_wherever_they_are():
 def run_apart(folder, *arguments, **environment):
     """Run mdesign in a process of its own, as kernels of plugins cannot be added to what is compiled."""
     command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *map(str, arguments)]
-    given = {**os.environ, **environment}
+    given = {**os.environ, "NUMBA_OPT": "1", **environment}  # nothing is to run fast
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=given, check=False)
     return done.returncode, done.stdout, done.stderr
 
@@ -394,14 +394,14 @@ class TestOnTheCommandLine:
         assert compiled[0] == 0, compiled[2]
         assert run_apart(tmp_path, *measure, "--json", "--plugin", file, NUMBA_DISABLE_JIT="1")[:2] == compiled[:2]
         write(text + "\n")
-        code, _, error = run_apart(tmp_path, *measure, "--plugin", "my.py")
+        code, _, error = mdesign(*measure, "--plugin", "my.py")
         assert (code, "my.py has changed since this was designed" in error) == (3, True)
 
     def test_a_kernel_that_cannot_be_compiled(self, write, tmp_path):
         write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2"))
         shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
         arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
-        code, out, error = run_apart(tmp_path, *arguments, NUMBA_OPT="0")  # nothing is to run fast
+        code, out, error = run_apart(tmp_path, *arguments)
         assert (code, out) == (3, "")
         assert re.search(r"Error: /\S+/my.py:16: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
         assert "Traceback" not in error

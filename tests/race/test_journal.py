@@ -110,7 +110,7 @@ class TestResume:
                 data[:length].count(b"\n"),
                 not data[:length].endswith(b"\n"),
             )
-            if length % 20 and b"\n" not in data[length - 2 : length + 2]:
+            if length % 40 and b"\n" not in data[length - 2 : length + 2]:
                 continue
             assert resumed(path, budget=50) == (*expected[:2], expected[2] - whole_experiments(data[:length]))
             assert path.read_bytes() == data
@@ -118,7 +118,7 @@ class TestResume:
     def test_cut_at_random_bytes(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
         draws = random.Random(1)
-        for length in [0, 1, *(draws.randrange(len(complete)) for _ in range(10))]:
+        for length in [0, 1, *(draws.randrange(len(complete)) for _ in range(6))]:
             path.write_bytes(complete[:length])
             assert resumed(path) == (*EXPECTED, RAN - whole_experiments(complete[:length]))
 
@@ -257,7 +257,7 @@ class TestResume:
             read(path)
 
 
-@pytest.mark.parametrize(("seeds", "points"), [((1,), 10), pytest.param((1, 2, 3), 50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("seeds", "points"), [((1,), 6), pytest.param((1, 2, 3), 50, marks=pytest.mark.slow)])
 def test_killed_at_random_bytes(tmp_path, seeds, points):
     for seed in seeds:
         (tmp_path / str(seed)).mkdir()
@@ -292,7 +292,7 @@ class TestExtension:
         data = path.read_bytes()
         draws = random.Random(1)
         first = len(b"".join(data.splitlines(keepends=True)[:3]))  # with the budgets
-        for length in [draws.randrange(first, len(data)) for _ in range(5)]:
+        for length in [draws.randrange(first, len(data)) for _ in range(3)]:
             path.write_bytes(data[:length])
             assert resumed(path)[:2] == (longer.ends[-1].winner, longer.digest())
 
@@ -309,16 +309,16 @@ class TestExtension:
         assert race.used > 100 + 0.9 * more - 3  # a single experiment may be too few for anything
 
     def test_more_budget_is_no_worse(self):
-        """Most of 20 races, of fixed seeds, end at least as near the optimum with four times the budget."""
+        """Most of 10 races, of fixed seeds, end at least as near the optimum with four times the budget."""
         better = 0
-        for seed in range(20):
+        for seed in range(10):
             longer = undisturbed(seed=seed, budgets=(100, 400))
             distance = []
             for end in longer.ends:
                 x, y, rule = longer.configurations[end.winner].values()
                 distance.append((x - 1.5) ** 2 + (y + 1) ** 2 + (rule != "fast"))
             better += distance[1] <= distance[0]
-        assert better >= 14
+        assert better >= 7
 
     def test_before_its_end_or_by_nothing(self):
         race = IteratedRace(SPACE, budget=100, seed=3)

@@ -8,6 +8,7 @@ from mercator_design.serve.http.app import guarded
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
 from tests.serve.races import BUDGET, House
+from tests.serve.still import ANN, BOB, still
 
 
 class IdleProcess:
@@ -103,3 +104,24 @@ def furnished(tmp_path, raced):
     yield make
     for house in made:
         house.index.close()
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory, raced):
+    """A service whose jobs move only when a test says so; the tests of a module share it."""
+    with still(tmp_path_factory.mktemp("still") / "runs", raced) as found:
+        yield found
+
+
+@pytest.fixture
+def ann(quiet):
+    """A user."""
+    with quiet.client(ANN) as client:
+        yield client
+
+
+@pytest.fixture
+def bob(quiet):
+    """Another user."""
+    with quiet.client(BOB) as client:
+        yield client

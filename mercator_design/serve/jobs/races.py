@@ -107,7 +107,7 @@ def check_place(journal: Path, place: int) -> None:
                 file.seek(place - 1)
                 if file.read(1) == b"\n":
                     return
-        except (FileNotFoundError, OverflowError):
+        except (FileNotFoundError, OverflowError, ValueError):  # too large for a file
             pass
         raise ValueError(f"expected the place of an event, found {place}")
 

@@ -1,0 +1,105 @@
+"""Parts of pages are computed once for all who look."""
+
+import threading
+from collections import deque
+from types import SimpleNamespace
+
+import pytest
+
+from mercator_design.errors import RaceError
+from mercator_design.serve.desk.desk import Busy
+from mercator_design.serve.desk.races import Part
+from mercator_design.serve.web.kept import Kept
+
+
+class FakeDesk:
+    """Takes as long as it is told."""
+
+    def __init__(self, clock):
+        self.clock, self.n, self.takes, self.errors = clock, 0, 0.0, deque()
+
+    def run(self, make, folder):
+        self.n += 1
+        self.clock.seconds += self.takes
+        if self.errors:
+            raise self.errors.popleft()
+        return make(folder)
+
+
+def part(folder):
+    return Part(f"{folder.name} {(folder / 'journal.jsonl').stat().st_size}", None)
+
+
+@pytest.fixture
+def place(tmp_path, clock):
+    folder = tmp_path / "job"
+    folder.mkdir()
+    (folder / "journal.jsonl").write_text("1")
+    desk = FakeDesk(clock)
+    return SimpleNamespace(folder=folder, desk=desk, kept=Kept(desk, clock=clock))
+
+
+def grow(place):
+    with (place.folder / "journal.jsonl").open("a") as file:
+        file.write("1")
+
+
+def test_200_readers_of_a_race_that_stands_still_cost_one_computation(place, clock):
+    for _ in range(200):
+        clock.seconds += 1
+        assert place.kept.get(part, place.folder) == (Part("job 1", None), True)
+    assert place.desk.n == 1
+
+
+def test_a_race_that_goes_on_is_read_every_two_seconds(place, clock):
+    for _ in range(200):  # 20 seconds
+        grow(place)
+        place.kept.get(part, place.folder)
+        clock.seconds += 0.1
+    assert place.desk.n == 10
+
+
+def test_what_takes_long_is_computed_seldom(place, clock):
+    place.desk.takes = 3.0
+    place.kept.get(part, place.folder)
+    grow(place)
+    clock.seconds += 59
+    found, is_fresh = place.kept.get(part, place.folder)
+    assert (found.text, is_fresh) == ("job 1", False)
+    clock.seconds += 2
+    assert place.kept.get(part, place.folder) == (Part("job 2", None), True)
+
+
+def test_nobody_waits_for_a_computation(place):
+    entered, go = threading.Event(), threading.Event()
+
+    def slow(folder):
+        entered.set()
+        go.wait(60)
+        return part(folder)
+
+    thread = threading.Thread(target=place.kept.get, args=(slow, place.folder))
+    thread.start()
+    entered.wait(60)
+    assert place.kept.get(slow, place.folder) == (None, False)
+    go.set()
+    thread.join(60)
+    assert place.kept.get(slow, place.folder) == (Part("job 1", None), True)
+    assert place.desk.n == 1
+
+
+def test_an_error_is_kept_until_the_folder_changes(place, clock):
+    place.desk.errors.append(RaceError("damaged"))
+    for _ in range(3):
+        with pytest.raises(RaceError, match="damaged"):
+            place.kept.get(part, place.folder)
+    assert place.desk.n == 1
+    grow(place)
+    clock.seconds += 3
+    assert place.kept.get(part, place.folder)[1]
+
+
+def test_a_busy_desk_is_asked_again(place):
+    place.desk.errors.append(Busy("busy"))
+    assert place.kept.get(part, place.folder) == (None, False)
+    assert place.kept.get(part, place.folder) == (Part("job 1", None), True)

@@ -118,11 +118,24 @@ class TestCheck:
     def test_a_mission_is_given_in_one_way(self, client, mission):
         assert client.post("/api/v1/fsms/check", json={"fsm": FSM, "mission": mission}).status_code == 409
 
-    def test_missions_may_not_name_files(self, client):
-        body = {"fsm": FSM, "mission": {"mission": "foraging", "set": ["robot_model=/etc/passwd"]}}
-        answer = client.post("/api/v1/fsms/check", json=body)
-        assert answer.status_code == 422
-        assert "root:" not in answer.text
+    @pytest.mark.parametrize(
+        "override", ["robot_model=/etc/passwd", "robot_model=robot_model.yaml", "floor.image.path=x.png"]
+    )
+    def test_missions_may_not_name_files(self, client, job, override):
+        identity, _ = job
+        for mission in ({"mission": "foraging"}, {"job": identity}):
+            body = {"fsm": FSM, "mission": {**mission, "set": [override]}}
+            answer = client.post("/api/v1/fsms/check", json=body)
+            assert answer.status_code == 422
+            assert "root:" not in answer.text
+
+    def test_the_mission_of_a_job_with_overrides(self, client, job):
+        identity, _ = job
+        mission = {"job": identity, "set": ["robots=3"]}
+        found = client.post(
+            "/api/v1/fsms/evaluate", json={"mission": mission, "fsms": [{"fsm": FSM}], "runs": 1}
+        ).json()
+        assert (found["robots"], found["duration"]) == (3, 3)
 
 
 HOSTILE = [

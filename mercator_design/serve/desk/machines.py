@@ -6,10 +6,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from mercator_design.api import Evaluation
-from mercator_design.config import shipped
-from mercator_design.config.writing import digest_of, dump, plain
+from mercator_design.config.writing import plain
 from mercator_design.designer import header_of
-from mercator_design.errors import FsmError, MissionError
+from mercator_design.errors import FsmError
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
@@ -17,10 +16,9 @@ from mercator_design.fsm.yaml_form import parse_yaml
 from mercator_design.race.racing.summary import Scores
 from mercator_design.report.evaluations import Comparison, Evaluated, comparison_data
 from mercator_design.report.page.markup import p_text
-from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of
+from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.checks.lint import lint
-from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.charts import Axis, Dot, interval_chart
 from mercator_design.view.experiment import ShownExperiment
@@ -189,22 +187,7 @@ def new_design(machines: Machines) -> NewDesign:
     mission = simulator.mission
     return NewDesign(
         fsm=fsm_file_text(fsm.pfsm, header_of(simulator), fsm.names),
-        mission=_text_without_files(simulator),
+        mission=text_without_files(mission, simulator.robot_model),
         mission_name=mission.name,
         direction=mission.objective.direction,
     )
-
-
-def _text_without_files(simulator: Simulator) -> str:
-    """A mission as a text that names no file.
-
-    Raises:
-        MissionError: It has files of its own.
-    """
-    mission, model = simulator.mission, simulator.robot_model
-    if mission.floor.image is not None or mission.files:
-        raise MissionError(f"{mission.name}: expected a mission in one file, found one with files beside it")
-    known = model.name in shipped.robot_models() and digest_of(load_robot_model(model.name)) == digest_of(model)
-    if not known:
-        raise MissionError(f"{mission.name}: expected a shipped robot model, found {model.name} of its own")
-    return dump(mission.with_files(robot_model=model.name, image="", named=lambda file: file.copy))

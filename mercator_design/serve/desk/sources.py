@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
+from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
@@ -11,6 +13,8 @@ from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.serve.desk.missions import NAME, user_mission
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import Limits
+from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.sim.simulate import robot_model_of
 
 FSM = "FSM"
 """The name of a user's text in messages."""
@@ -34,7 +38,26 @@ class MissionSource:
         if self.folder is None:
             return user_mission(self.name, self.text, self.overrides, limits)
         text = text_of(self.folder / NAME, error=MissionError)
-        return parse_mission(text, name=NAME, folder=self.folder, overrides=self.overrides)
+        mission = parse_mission(text, name=NAME, folder=self.folder)
+        if not self.overrides:
+            return mission
+        # The overrides are a user's, who may not name files; the mission itself may.
+        text = text_without_files(mission, robot_model_of(mission))
+        return user_mission("", text, self.overrides, limits)
+
+
+def text_without_files(mission: Mission, model: RobotModel) -> str:
+    """A mission as a text that names no file.
+
+    Raises:
+        MissionError: It has files of its own, or its robot model is not a shipped one.
+    """
+    if mission.floor.image is not None or mission.files:
+        raise MissionError(f"{mission.name}: expected a mission in one file, found one with files beside it")
+    known = model.name in shipped.robot_models() and digest_of(load_robot_model(model.name)) == digest_of(model)
+    if not known:
+        raise MissionError(f"{mission.name}: expected a shipped robot model, found {model.name} of its own")
+    return dump(mission.with_files(robot_model=model.name, image="", named=lambda file: file.copy))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

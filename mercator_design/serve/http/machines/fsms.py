@@ -26,7 +26,7 @@ from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)  # type: ignore[arg-type]
 
-_PART = 0.25
+_PART = 0.05
 """Of the time limit of the helpers: after so much, an evaluation lets other work in between."""
 _WHOLE = 10.0
 """Of the same: a longer evaluation is refused."""

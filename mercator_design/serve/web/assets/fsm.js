@@ -261,7 +261,9 @@
       const part = partOf(node);
       if (part.transition !== undefined && !node.querySelector("text")) continue; // the line; its label is the button
       const edge = part.transition === undefined ? null : machine.states[part.state].transitions[part.transition];
-      const words = edge ? `Transition from ${called[part.state]} to ${called[edge.to]}: ${edge.condition}` : `State ${part.state}: ${called[part.state]}`;
+      for (const line of node.querySelectorAll("text")) line.after(" "); // lines are words apart, also for who hears them
+      const shown = node.textContent.trim();
+      const words = edge ? `${shown}, transition from ${called[part.state]} to ${called[edge.to]}` : `${shown}, state`;
       for (const [name, value] of Object.entries({ tabindex: "0", role: "button", "aria-label": words })) node.setAttribute(name, value);
       if (isSame(part, focused)) node.focus();
     }

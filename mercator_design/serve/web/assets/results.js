@@ -57,7 +57,7 @@ Object.assign(Mercator, {
       "Boxes are quartiles, large dots means with their 95 % intervals" + (pairs.length ? "; p as in the table, against the best mean." : ".");
     return make("div", { class: "evaluation" },
       ...Mercator.verdicts(data).map((words) => make("p", { class: "verdict" }, words)),
-      make("figure", {}, make("div", { class: "scroll" }, Mercator.svg(data.chart)), make("figcaption", {}, about)),
+      make("figure", {}, make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Chart of the scores" }, Mercator.svg(data.chart)), make("figcaption", {}, about)),
       table(["design", "mean", "95 % interval", "standard deviation", "quartiles"], rows, "Scores"),
       ...(pairs.length ? [
         table(["pair", "difference", "95 % interval", pairs.length > 1 ? "p (Holm)" : "p"], pairs, "Paired t-tests"),

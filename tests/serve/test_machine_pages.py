@@ -67,6 +67,11 @@ class TestText:
             assert f'data-id="{shared}"' not in bob.get("/gallery?text=nothing").text
             assert "data-delete" not in bob.get("/gallery?text=for all").text
 
+    def test_the_page_of_a_job_leads_to_them(self, client, raced):
+        text = client.get("/jobs/before").text
+        assert 'href="/fsm?job=before"' in text
+        assert 'href="/compare?job=before"' in text
+
     def test_texts_of_users_are_texts(self, client):
         text = client.get("/gallery", params={"text": '"><script>alert(1)</script>'}).text
         assert "<script>alert" not in text

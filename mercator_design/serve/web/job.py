@@ -164,7 +164,11 @@ def _now(service: Service, user: User, row: Row) -> Html:
     words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
     actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
     again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
-    return Html(f'<div {live}>{words}<div class="actions">{actions}{again}</div>{facts_list(what)}</div>')
+    key, links = quote(row.id, safe=""), ""
+    if row.best is not None and row.flavour:
+        links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
+        links += f'<a class="button" href="/compare?job={key}">Compare</a>'
+    return Html(f'<div {live}>{words}<div class="actions">{actions}{again}{links}</div>{facts_list(what)}</div>')
 
 
 def _advice(row: Row) -> str:

@@ -2,15 +2,12 @@
 
 import html
 import re
-import threading
-import time
 
 import pytest
-import uvicorn
 
-from mercator_design.serve.http.app import guarded
 from mercator_design.serve.web.assets import assets
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in
+from tests.serve.served import served
 from tests.view.browser import CHROMIUM, browser
 
 pytestmark = pytest.mark.together
@@ -81,16 +78,8 @@ class TestText:
 @pytest.fixture(scope="module")
 def address(service, raced):
     """The service, as browsers reach it."""
-    config = uvicorn.Config(guarded(service), host="127.0.0.1", port=0, log_level="warning")
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        assert thread.is_alive()
-        time.sleep(0.01)
-    yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
-    server.should_exit = True
-    thread.join()
+    with served(service) as address:
+        yield address
 
 
 @pytest.fixture(scope="module")

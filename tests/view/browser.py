@@ -15,10 +15,13 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 _LIMIT = 120.0  # [s] for an answer: the machine may be busy
 _KEYS = {
+    "Backspace": 8,
     "Tab": 9,
     "Enter": 13,
     "Escape": 27,
     " ": 32,
+    "End": 35,
+    "Home": 36,
     "ArrowLeft": 37,
     "ArrowUp": 38,
     "ArrowRight": 39,
@@ -75,8 +78,14 @@ class Page:
             time.sleep(0.05)
 
     def press(self, *keys: str):
-        """Press keys, by their names in KeyboardEvent.key."""
-        for key in keys:
+        """Press keys, by their names in KeyboardEvent.key; with the control key as "Control+Home"."""
+        for each in keys:
+            key = each.removeprefix("Control+")
+            if key != each:
+                code = {"key": key, "modifiers": 2, "windowsVirtualKeyCode": _KEYS.get(key) or ord(key.upper())}
+                self._call("Input.dispatchKeyEvent", type="rawKeyDown", **code)
+                self._call("Input.dispatchKeyEvent", type="keyUp", **code)
+                continue
             text = {"text": {"Enter": "\r"}.get(key, key)} if len(key) == 1 or key == "Enter" else {}
             code = {"windowsVirtualKeyCode": _KEYS[key]} if key in _KEYS else {}
             self._call("Input.dispatchKeyEvent", type="keyDown", key=key, **code, **text)

@@ -20,6 +20,7 @@ from mercator_design.serve.web import assets, compare, gallery, login
 from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web import machines as machine_pages
+from mercator_design.serve.web import missions as mission_pages
 from mercator_design.serve.web.kept import Kept
 
 THIS_MACHINE = Entrance()
@@ -51,7 +52,7 @@ def application(service: Service) -> FastAPI:
     for room in (
         *(jobs, missions, events, files, system),
         *(fsms, designs),
-        *(assets, login, job_list, job_page, machine_pages, compare, gallery),
+        *(assets, login, job_list, job_page, mission_pages, machine_pages, compare, gallery),
     ):
         app.include_router(room.router)
     return app

@@ -1,0 +1,158 @@
+"""The page on which a job is made: the editor of its mission, and the settings of its race."""
+
+from collections.abc import Mapping
+from html import escape
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+
+from mercator_design.config import shipped
+from mercator_design.config.loading import text_of
+from mercator_design.errors import MercatorError, MissionError
+from mercator_design.report.page.markup import Html
+from mercator_design.serve.http.context import TheService, TheUser, visible_job
+from mercator_design.serve.http.missions import shipped_missions, text_of_job
+from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.service import Service
+from mercator_design.serve.web.layout import page
+from mercator_design.view.markup import escaped
+
+router = APIRouter(include_in_schema=False)
+
+_FIRST = "foraging"
+_BUDGETS = {"first look": 300, "usual": 2000, "thorough": 10_000}
+_METHODS = {
+    "surrogate": "surrogate (recommended)",
+    "irace": "irace",
+    "tpe": "tpe, of Optuna",
+    "cma-es": "cma-es, of Optuna",
+    "random": "random search",
+}
+_FLAVOURS = {"watermelon": "watermelon: for Mercator", "chocolate": "chocolate: for e-pucks, without colours"}
+_KEYS = (
+    "Ctrl-Space: what may be written here. F8: the next mistake. Ctrl-] and Ctrl-[: indent more and less. "
+    "Tab leaves the editor; if a menu is open, press Esc, then Tab."
+)
+
+
+@router.get("/new")
+def new(
+    service: TheService,
+    user: TheUser,
+    mission: Annotated[str, Query(max_length=200)] = "",
+    job: Annotated[str, Query(alias="from", max_length=200)] = "",
+) -> HTMLResponse:
+    """A new job: from a shipped mission, or from the mission of another job."""
+    request, name, problem = Request(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, ""
+    text, start = "", f"mission:{name}"
+    try:
+        if job:
+            row = visible_job(service, user, job)
+            text, start, name = text_of_job(service, row), f"job:{row.id}", ""
+            request = _request_of(service, row)
+        elif name not in shipped.missions():
+            raise MissionError(f"there is no shipped mission {name}")
+    except MercatorError as error:
+        problem, name, start = str(error), _FIRST, f"mission:{_FIRST}"
+    if name:
+        text = _named(text_of(shipped.missions()[name], error=MissionError), name)
+    body = (
+        f'<p class="problem" role="alert">{escaped(problem)}</p>' if problem else "",
+        _start(name, "" if name else job),
+        f'<form id="new" novalidate data-user="{escaped(user.name)}" data-start="{escaped(start)}" '
+        f'data-shipped="{escaped(name)}">',
+        _editor(text),
+        _settings(service.settings.limits.budget, request),
+        "</form>",
+    )
+    return page("New job", *body, user=user, here="/new", scripts=("codemirror.js", "new.js"), styles=("new.css",))
+
+
+def _named(text: str, name: str) -> str:
+    """The text of a shipped mission with its name, which its file need not have."""
+    lines = text.split("\n")
+    if any(line.startswith("name:") for line in lines):
+        return text
+    place = next((number for number, line in enumerate(lines) if line.startswith("schema:")), -1)
+    return "\n".join([*lines[: place + 1], f"name: {name}", *lines[place + 1 :]])
+
+
+def _request_of(service: Service, row: Row) -> Request:
+    """What another job was to do, as far as it is known."""
+    if row.is_job:
+        return service.store.read(row.id).request
+    return Request(mission="", budget=max(1, row.budget), method=row.method, flavour=row.flavour, seed=row.seed)
+
+
+def _start(name: str, job: str) -> Html:
+    """What the mission starts from."""
+    own = f'<option value="" selected>job {escaped(job)}</option>' if job else ""
+    options = "".join(
+        f'<option value="{escaped(one.name)}"{" selected" * (one.name == name)}>{escaped(one.name)}: {one.robots} '
+        f"robots, {one.duration:g} s, {escaped(one.direction)} {escaped(one.objective)}</option>"
+        for one in shipped_missions().values()
+    )
+    about = shipped_missions()[name] if name else None
+    words = f'{escaped(about.description)} <span class="faint">{escaped(about.source)}</span>' if about else ""
+    return Html(
+        '<form id="start" class="start" method="get" action="/new"><div><label for="mission">Start from</label>'
+        f'<select id="mission" name="mission">{own}{options}</select></div><button>Open</button></form>'
+        f'<p class="about">{words}</p>'
+    )
+
+
+def _editor(text: str) -> Html:
+    return Html(
+        '<div class="desk"><section class="write" aria-labelledby="text-label">'
+        '<label id="text-label" for="text">Mission (YAML)</label>'
+        f'<div id="editor"></div><textarea id="text" rows="30" spellcheck="false">\n{escape(text)}</textarea>'
+        f'<p id="keys" class="faint">{escaped(_KEYS)}</p>'
+        '<div class="actions"><button type="button" id="back" disabled>Back to the text at the start</button>'
+        '<span id="kept" class="faint" role="status"></span></div>'
+        '<p id="summary" class="summary" role="status">Reading …</p><ol id="findings" class="findings"></ol></section>'
+        '<section class="show" aria-label="Picture and facts">'
+        '<figure><img id="picture" alt="" hidden><figcaption id="caption" role="status">Drawing …</figcaption></figure>'
+        '<dl id="facts"></dl></section></div>'
+    )
+
+
+def _settings(limit: int, request: Request) -> Html:
+    presets = "".join(
+        f'<button type="button" data-budget="{budget}">{budget}, {name}</button>'
+        for name, budget in _BUDGETS.items()
+        if budget <= limit
+    )
+    fields = (
+        _number("budget", "Budget: experiments at most", request.budget, 1, limit),
+        _choice("method", "Method", _METHODS, request.method),
+        _choice("flavour", "Flavour of modules", _FLAVOURS, request.flavour),
+        _number("seed", "Seed", request.seed, 0, 2**53 - 1),
+        _number("test_runs", "Tests of the winner on fresh instances", request.test_runs, 0, 10**6),
+        _number("priority", "Priority among your jobs; a higher one runs first", request.priority, -100, 100),
+    )
+    return Html(
+        f'<section id="race"><h2>Race</h2><div class="fields">{"".join(fields)}</div>'
+        f'<div class="actions" role="group" aria-label="Usual budgets">{presets}</div>'
+        '<p id="estimate" role="status">Estimating …</p>'
+        '<p id="told" class="problem" role="alert" tabindex="-1"></p>'
+        '<div class="actions"><button id="submit" class="main">Submit the job</button></div></section>'
+    )
+
+
+def _number(name: str, label: str, value: int, low: int, high: int) -> str:
+    field = (
+        f'<input type="number" id="{name}" name="{name}" value="{value}" min="{low}" max="{high}" step="1" required>'
+    )
+    return f'<div><label for="{name}">{escaped(label)}</label>{field}</div>'
+
+
+def _choice(name: str, label: str, words: Mapping[str, str], chosen: str) -> str:
+    options = "".join(
+        f'<option value="{word}"{" selected" * (word == chosen)}>{escaped(text)}</option>'
+        for word, text in words.items()
+    )
+    return (
+        f'<div><label for="{name}">{escaped(label)}</label><select id="{name}" name="{name}">{options}</select></div>'
+    )

@@ -1,6 +1,6 @@
 """The settings of the service: limits of jobs and requests, from serve.yaml in its data folder."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -49,7 +49,7 @@ class Settings:
     plugins: tuple[str, ...] = ()  # Python files with objectives and dynamics; they run as the service's user
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
     proxies: tuple[str, ...] = ("127.0.0.1", "::1")  # addresses or networks of the proxy, for --behind-proxy
-    limits: Limits = field(default_factory=Limits)
+    limits: Limits = Limits()
 
 
 def load_settings(folder: Path) -> Settings:

@@ -84,7 +84,7 @@ def login_page(
         '<p><label for="token">Token</label><input id="token" name="token" type="password" required autofocus '
         'autocomplete="current-password" spellcheck="false" maxlength="200"></p>'
         '<p><button class="main">Log in</button></p></form>'
-        '<p class="faint">Who runs this service gives tokens: <code>mdesign users add NAME</code>.</p>'
+        '<p class="faint">The administrator of this service gives you a token: <code>mdesign users add NAME</code>.</p>'
     )
     answer = page("Log in", problem, form, user=None, status=status)
     answer.headers.update(headers or {})

@@ -1,0 +1,17 @@
+import pytest
+
+from mercator_design.serve.settings import Limits, ServiceError, Settings, load_settings
+
+
+def test_all_keys_may_be_left_out(tmp_path):
+    assert load_settings(tmp_path) == Settings()
+    (tmp_path / "serve.yaml").write_text("hosts: [lab.example.org]\nlimits: {streams: 3}\n")
+    assert load_settings(tmp_path) == Settings(hosts=("lab.example.org",), limits=Limits(streams=3))
+    (tmp_path / "serve.yaml").write_text("races: 2\n")
+    assert load_settings(tmp_path) == Settings(races=2)
+
+
+def test_a_mistake_has_its_place(tmp_path):
+    (tmp_path / "serve.yaml").write_text("races: 2\nlimits:\n  streams: 0\n")
+    with pytest.raises(ServiceError, match=r"serve.yaml:3: limits.streams: expected"):
+        load_settings(tmp_path)

@@ -135,7 +135,7 @@ def check(seeds, whole, tmp_path):
         shutil.rmtree(folder.parent)
 
 
-@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 2000), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 2000), marks=pytest.mark.slow)])
 def test_damaged_journals(whole, tmp_path, seeds):
     check(seeds, whole, tmp_path)
 

@@ -111,26 +111,28 @@ def test_it_compares_all_that_are_alive(mdesign, folder, tmp_path):
     assert "found a targetEvaluator: it cannot be ablated" in err
 
 
-@pytest.mark.parametrize("fails_at", [1, 40, 75])
-def test_stopped_and_resumed_it_is_the_same(mdesign, folder, tmp_path, fails_at):
+def test_stopped_and_resumed_it_is_the_same(mdesign, folder, tmp_path):
     """Stopped by an evaluation that fails, with all of the batch run."""
     whole = tmp_path / "whole"
     assert mdesign("tune", folder / "scenario.txt", "-o", whole)[0] == 0
     first = (folder / "log").read_text()
-    (folder / "log").unlink()
-    broken = EVALUATOR.replace(
-        'echo "eval', f'[ ! -e go ] && [ $(grep -c eval log) -ge {fails_at} ] && exit 3\necho "eval'
-    )
-    (folder / "evaluator").write_text(broken)
-    code, _, err = mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")
-    assert code == 1
-    assert "expected exit status 0, found exit status 3" in err
-    (folder / "go").touch()
-    assert mdesign("tune", "--resume", tmp_path / "r")[0] == 0
-    one, other = (read(path / JOURNAL).record for path in (whole, tmp_path / "r"))
-    assert one.ends[-1].digest == other.ends[-1].digest
-    assert sorted((folder / "log").read_text().splitlines()) == sorted(first.splitlines())
-    check(folder, tmp_path / "r")
+    for fails_at in (1, 40, 75):
+        run = tmp_path / f"{fails_at}"
+        (folder / "log").unlink()
+        (folder / "go").unlink(missing_ok=True)
+        broken = EVALUATOR.replace(
+            'echo "eval', f'[ ! -e go ] && [ $(grep -c eval log) -ge {fails_at} ] && exit 3\necho "eval'
+        )
+        (folder / "evaluator").write_text(broken)
+        code, _, err = mdesign("tune", folder / "scenario.txt", "-o", run)
+        assert code == 1
+        assert "expected exit status 0, found exit status 3" in err
+        (folder / "go").touch()
+        assert mdesign("tune", "--resume", run)[0] == 0
+        one, other = (read(path / JOURNAL).record for path in (whole, run))
+        assert one.ends[-1].digest == other.ends[-1].digest
+        assert sorted((folder / "log").read_text().splitlines()) == sorted(first.splitlines())
+        check(folder, run)
 
 
 def test_one_that_is_rejected_by_a_later_comparison(mdesign, folder, tmp_path):

@@ -44,8 +44,8 @@ class TestRaces:
         def far(configuration):
             return sum((x - 1) ** 2 for x in configuration.values())
 
-        found = [notes(lambda d, noise: d + 0.1 * d * noise, options, seed, space, far) for seed in range(8)]
-        assert sum(map(bool, found)) <= 2
+        found = [notes(lambda d, noise: d + 0.1 * d * noise, options, seed, space, far) for seed in range(5)]
+        assert sum(map(bool, found)) <= 1
         assert all("first iteration" not in note for few in found for _, note in few)
 
     @pytest.mark.parametrize("seed", range(4))

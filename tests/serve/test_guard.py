@@ -645,6 +645,19 @@ class TestAudit:
         ]
         assert lines(accounts)[0]["time"] == "2030-01-01T00:00:00.000+00:00"
 
+    def test_strangers_do_not_fill_it(self, guard, accounts, ana, session):
+        app = guard()
+        for number in range(50):
+            ask(app, "POST", f"/{number}", host="evil.example")
+        for number in range(50):
+            ask(app, "POST", f"/{number}", {"sec-fetch-site": "cross-site"}, client="192.0.2.2")
+        assert len(lines(accounts)) == 2 * attempts.MOST
+        for _ in range(2 * attempts.MOST):
+            ask(app, "POST", "/x", session)  # known, although refused
+        assert [line["user"] for line in lines(accounts)[2 * attempts.MOST :]] == ["bob"] * 2 * attempts.MOST
+        ask(app, "GET", "/", {"authorization": "Bearer md_x"})
+        assert lines(accounts)[-1]["answer"] == 401
+
     def test_no_secret_is_in_any_file_or_message(self, guard, accounts, caplog, capfd):
         token = accounts.users.add("ana")
         app, headers = guard(), {"authorization": f"Bearer {token}", "cookie": f"session={token}"}

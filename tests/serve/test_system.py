@@ -76,6 +76,12 @@ def test_a_submission_is_audited_with_its_job(client, service):
     assert json.loads(submitted)["answer"] == 201
 
 
+def test_the_document_of_the_api_says_how_to_log_in(client):
+    document = client.get("/api/v1/openapi.json").json()
+    assert document["components"]["securitySchemes"]["HTTPBearer"]["scheme"] == "bearer"
+    assert document["paths"]["/api/v1/jobs"]["get"]["security"] == [{"HTTPBearer": []}]
+
+
 class TestServer:
     """The server on a socket; its waits are short, and nothing is asserted on how long they take."""
 

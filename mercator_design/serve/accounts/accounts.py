@@ -34,6 +34,8 @@ class Accounts:
         clock: Seconds that have passed since some time.
 
     Attributes:
+        attempts: Failed attempts to log in.
+        noise: Other refused changes of unknown senders, which the audit log has.
         answers: The number of answers by their status.
         streams: The number of open event streams by the name of the user.
 
@@ -51,6 +53,7 @@ class Accounts:
         self.sessions = Sessions(data / ".service" / sessions.FILE, now)
         self.audit = Audit(data / ".service" / audit.FILE, now)
         self.attempts = Attempts(clock)
+        self.noise = Attempts(clock)
         self.answers: Counter[int] = Counter()
         self.streams: Counter[str] = Counter()
         self._ends: set[asyncio.Event] = set()

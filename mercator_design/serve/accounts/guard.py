@@ -192,7 +192,7 @@ class Guard:
         return Refusal(401, "Not logged in", error, {"WWW-Authenticate": "Bearer"})
 
     async def _refuse(self, visit: "_Visit", refusal: Refusal, receive: Receive) -> None:
-        headers = visit.headers
+        headers, visit.is_refused = visit.headers, True
         response: Response
         if refusal.status == 401 and not visit.has_bearer and not visit.path.startswith("/api/"):
             if "hx-request" in headers:  # a part of a page: the browser shows the login instead of the page
@@ -257,7 +257,7 @@ class Guard:
     def _note(self, visit: "_Visit") -> None:
         """Count an answer, and write it to the audit log if it is about a change or a failed login."""
         self._accounts.answers[visit.status] += 1
-        is_change = visit.method not in SAFE and (visit.user is not None or visit.status != 429)
+        is_change = visit.method not in SAFE and not (visit.is_refused and self._is_noise(visit))
         if is_change or (visit.has_failed and visit.status == 401):
             job = _JOB.match(visit.location or visit.path)
             self._accounts.audit.write(
@@ -267,6 +267,16 @@ class Guard:
                 job=job[1] if job else "",
                 answer=visit.status,
             )
+
+    def _is_noise(self, visit: "_Visit") -> bool:
+        """Whether a refusal is one of too many: nobody without a login may fill the log."""
+        if visit.holder is not None or visit.status == 401:  # known, or counted as a failed attempt
+            return False
+        noise, address = self._accounts.noise, address_of(visit.scope)
+        if visit.status == 429 or noise.wait(address):
+            return True
+        noise.count(address)
+        return False
 
 
 class _Visit:
@@ -280,6 +290,7 @@ class _Visit:
         self.has_bearer = False
         self.has_failed = False  # to show a valid token
         self.is_read = False  # whether the body was read
+        self.is_refused = False  # by the guard
         self.status = 0
         self.location = ""  # of what was made
         self.is_complete = False  # whether the answer has ended

@@ -2,9 +2,10 @@
 
 import re
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.responses import StreamingResponse
 from fastapi.routing import iter_route_contexts
+from fastapi.security import HTTPBearer
 from starlette.routing import compile_path
 from starlette.types import ASGIApp
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
@@ -25,6 +26,8 @@ from mercator_design.serve.web.kept import Kept
 
 THIS_MACHINE = Entrance()
 """Only this machine reaches the service."""
+_TOKEN = HTTPBearer(auto_error=False, description="A token of `mdesign users`; without users, none is needed.")
+"""Is in the document of the API only: the guard looks at tokens."""
 
 
 def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
@@ -45,6 +48,7 @@ def application(service: Service) -> FastAPI:
         openapi_url="/api/v1/openapi.json",
         docs_url=None,  # it would load scripts from elsewhere
         redoc_url=None,
+        dependencies=[Depends(_TOKEN)],
     )
     app.state.service = service
     app.state.kept = Kept(service.desk)

@@ -282,6 +282,12 @@ class TestReplay:
             shown = ShownExperiment.simulated(simulator, md.parse_fsm(text), 5, title=title)
             assert one == json.loads(json.dumps(replay_of(shown)))
 
+    def test_one_that_is_too_long(self, client):
+        mission = {"mission": "aggregation_20", "set": ["control_period=0.05", "duration=3600"]}
+        answer = client.post("/api/v1/fsms/replay", json={"mission": mission, "fsms": [{"fsm": FSM}]})
+        assert answer.status_code == 422
+        assert "found 1,440,000" in answer.json()["errors"][0]
+
     def test_of_a_job(self, client, job):
         identity, run = job
         (found,) = client.get(f"/api/v1/jobs/{identity}/replay", params={"seed": 3}).json()

@@ -187,6 +187,27 @@ class TestBrowser:
         page.press("Enter")
         page.wait_for(text_is(line))
 
+    def test_by_finger(self, quiet, address):
+        page = quiet
+        page.open(f"{address}/fsm", width=375)
+        page.click("#diagram button")
+        page.wait_for(states(1))
+        page.click("#add-state")
+        page.wait_for(states(2))
+        page.middle("#diagram [data-state='0'] .box")
+        target = page.middle("#diagram [data-state='1'] .box")
+        page.slide(page.middle("#diagram [data-state='0'] .box"), target)
+        page.wait_for(transitions(1))
+        assert page.evaluate("document.documentElement.scrollWidth") == 375
+
+    @pytest.mark.parametrize("kept", ["{", "[]", '{"machine": {"flavour": "mint", "states": []}}', '{"machine": 1}'])
+    def test_what_another_version_has_kept_is_left_alone(self, quiet, address, kept):
+        page = quiet
+        page.evaluate(f"localStorage.setItem('mercator.fsm', {kept!r})")
+        page.open(f"{address}/fsm")
+        page.click("#diagram button")
+        page.wait_for(states(1))
+
     def test_text_is_read_and_mistakes_are_shown(self, quiet, address):
         page = quiet
         page.open(f"{address}/fsm")

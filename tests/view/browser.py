@@ -102,6 +102,14 @@ class Page:
             self._call("Input.dispatchMouseEvent", type="mouseMoved", buttons=1, **there)
         self._call("Input.dispatchMouseEvent", type="mouseReleased", x=to_x, y=to_y, **button)
 
+    def slide(self, start, end):
+        """Move a finger from a place in sight [pixels] to another."""
+        (x, y), (to_x, to_y) = start, end
+        points = [{"x": x + share * (to_x - x), "y": y + share * (to_y - y)} for share in (0.0, 0.3, 0.7, 1.0)]
+        for kind, place in zip(("touchStart", "touchMove", "touchMove", "touchMove"), points, strict=True):
+            self._call("Input.dispatchTouchEvent", type=kind, touchPoints=[place])
+        self._call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
     def middle(self, selector: str):
         """The middle of an element [pixels], which comes into sight."""
         self.wait_for(f"document.querySelector({json.dumps(selector)})")

@@ -8,7 +8,7 @@ from typing import Any
 from mercator_design.api import Evaluation
 from mercator_design.config.writing import plain
 from mercator_design.designer import header_of
-from mercator_design.errors import FsmError
+from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
@@ -25,6 +25,8 @@ from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.machines.diagram import diagram_svg
 from mercator_design.view.replay import Replay, replay_of
 
+_MOST_CELLS = 1_000_000
+"""Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""
 _CYCLE = 0.1  # [s] of missions that say nothing else
 
 
@@ -113,7 +115,8 @@ def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float
         MercatorError: One of them cannot run.
     """
     simulator, fsms = machines.read()
-    simulator.rehearse(announce=lambda _: None)
+    if not done:
+        simulator.rehearse(announce=lambda _: None)
     begin, scores = time.monotonic(), list[float]()
     for number in range(done, len(seeds) * len(fsms)):
         instance, place = divmod(number, len(fsms))
@@ -154,8 +157,18 @@ def _dots(found: Comparison) -> list[Dot]:
 
 
 def replays(machines: Machines, seed: int) -> list[Replay]:
-    """The replays of FSMs on the instance of a seed."""
+    """The replays of FSMs on the instance of a seed.
+
+    Raises:
+        MercatorError: One of them cannot run, or the experiment is too long to be kept in memory for many users.
+    """
     simulator, fsms = machines.read()
+    mission = simulator.mission
+    if (cells := mission.cycles * mission.robots) > _MOST_CELLS:
+        raise MissionError(
+            f"{mission.name}: expected at most {_MOST_CELLS:,} cycles of all robots together in a replay, "
+            f"found {cells:,}"
+        )
     return [
         replay_of(
             ShownExperiment.simulated(

@@ -37,6 +37,7 @@ def editor(service: TheService, user: TheUser) -> HTMLResponse:
 <div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>
 <div><label for="start">Start from</label><select id="start"></select></div>
 </form>
+<p id="problem" class="problem" role="alert"></p>
 <div class="bench">
 <section id="drawing" aria-label="Diagram">
 <div class="actions"><button type="button" id="add-state">Add a state</button>

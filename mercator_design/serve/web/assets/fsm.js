@@ -387,10 +387,17 @@
     try { localStorage.setItem(KEPT, JSON.stringify({ machine, origin, ...settings })); } catch { /* private windows may refuse */ }
   }
 
+  /** Whether something is a machine: another version of this page may have kept something else. */
+  function isMachine({ flavour, states }) {
+    const isPart = (one, name) => typeof one[name] === "string" && typeof one.parameters === "object";
+    return [...at("flavour").options].some((one) => one.value === flavour) && states.every((state) => isPart(state, "behaviour") &&
+      state.transitions.every((edge) => isPart(edge, "condition") && states[edge.to] && states[edge.to] !== state));
+  }
+
   function kept() {
     try {
       const found = JSON.parse(localStorage.getItem(KEPT));
-      return found && Array.isArray(found.machine.states) ? found : null;
+      return isMachine(found.machine) ? found : null;
     } catch { return null; }
   }
 
@@ -428,14 +435,17 @@
     }
   }
 
+  const tell = (error) => at("problem").replaceChildren(error.message);
+
   async function start(value) {
+    at("problem").replaceChildren();
     try {
       if (value === "empty") replace({ flavour: machine.flavour, states: [] });
       else if (value.startsWith("alone:")) replace({ flavour: machine.flavour, states: [newState(value.slice(6))] });
       else if (value === "rival" && at("rival").value) await load(at("rival").value);
       else if (value === "rival") throw new Error("Choose first what to compare with.");
     } catch (error) {
-      at("notes").replaceChildren(Mercator.problem(error));
+      tell(error);
     }
     at("start").value = "";
   }
@@ -530,9 +540,9 @@
       await load(source);
     } catch (error) {
       show();
-      at("notes").replaceChildren(Mercator.problem(error));
+      tell(error);
     }
   }
 
-  begin().catch((error) => at("notes").replaceChildren(Mercator.problem(error)));
+  begin().catch(tell);
 })();

@@ -1,14 +1,11 @@
 """The client on the command line, against a service on a port of its own."""
 
-import contextlib
 import json
 import socket
-import threading
 import time
 
 import httpx
 import pytest
-import uvicorn
 
 from mercator_design.config import shipped
 from mercator_design.serve.client import connection as connecting
@@ -18,24 +15,10 @@ from mercator_design.serve.client.follow import events_of
 from mercator_design.serve.http.app import guarded
 from mercator_design.serve.service import Service
 from tests.processes import wait_until
+from tests.serve.serving import serving
 from tests.serve.still import still
 
 SMALL = ("--set", "duration=2", "--set", "robots=2", "--budget", "60")
-
-
-@contextlib.contextmanager
-def serving(app, port=0):
-    """An application at a port of this machine."""
-    server = uvicorn.Server(uvicorn.Config(app, host="127.0.0.1", port=port, log_level="error", lifespan="off"))
-    with socket.create_server(("127.0.0.1", port)) as listening:
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
-        thread.start()
-        wait_until(lambda: server.started)
-        try:
-            yield f"http://127.0.0.1:{listening.getsockname()[1]}"
-        finally:
-            server.should_exit = server.force_exit = True
-            thread.join()
 
 
 @pytest.fixture(scope="module")

@@ -81,8 +81,7 @@ def test_filters(quiet, ann):
     some = ann.get("/jobs", params={"text": "of a kind", "state": "cancelled"})
     assert job not in some.text
     assert cancelled in some.text
-    assert some.headers["hx-replace-url"] == "/?state=cancelled&text=of+a+kind"
-    assert "hx-request" not in some.text
+    assert 'data-live="/jobs?state=cancelled&amp;text=of+a+kind"' in some.text
     order = ann.get("/jobs", params={"text": "of a kind", "order": "name", "way": "up"}).text
     assert order.index(job) < order.index(cancelled)
     assert "No job is as asked for" in ann.get("/jobs?text=nothing+like+it").text

@@ -36,7 +36,7 @@ def place(tmp_path, clock):
     folder.mkdir()
     (folder / "journal.jsonl").write_text("1")
     desk = FakeDesk(clock)
-    return SimpleNamespace(folder=folder, desk=desk, kept=Kept(desk, clock=clock))
+    return SimpleNamespace(folder=folder, desk=desk, kept=Kept(desk, 2, clock=clock))
 
 
 def grow(place):
@@ -63,11 +63,34 @@ def test_what_takes_long_is_computed_seldom(place, clock):
     place.desk.takes = 3.0
     place.kept.get(part, place.folder)
     grow(place)
-    clock.seconds += 59
+    clock.seconds += 14
     found, is_fresh = place.kept.get(part, place.folder)
     assert (found.text, is_fresh) == ("job 1", False)
     clock.seconds += 2
     assert place.kept.get(part, place.folder) == (Part("job 2", None), True)
+
+
+def test_the_end_of_a_race_is_shown_at_once(place):
+    place.desk.takes = 3.0
+    place.kept.get(part, place.folder)
+    grow(place)
+    (place.folder / "proof.json").touch()
+    assert place.kept.get(part, place.folder) == (Part("job 2", None), True)
+
+
+def test_helpers_are_left_to_other_work(place, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "journal.jsonl").touch()
+    inside = []
+
+    def asks_for_another(folder):
+        inside.append(place.kept.get(part, other))
+        return part(folder)
+
+    place.kept.get(asks_for_another, place.folder)
+    assert inside == [(None, False)]
+    assert place.kept.get(part, other) == (Part("other 0", None), True)
 
 
 def test_nobody_waits_for_a_computation(place):

@@ -51,7 +51,7 @@ def application(service: Service) -> FastAPI:
         dependencies=[Depends(_TOKEN)],
     )
     app.state.service = service
-    app.state.kept = Kept(service.desk)
+    app.state.kept = Kept(service.desk, service.settings.helpers)
     report_problems(app)
     for room in (
         *(jobs, missions, events, files, system),

@@ -78,9 +78,7 @@ def jobs(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse
 @router.get("/jobs")
 def part(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse:
     """The list alone, for a page that is open."""
-    answer = fragment(_list(service, user, wanted))
-    answer.headers["HX-Replace-Url"] = f"/{wanted.query()}"
-    return answer
+    return fragment(_list(service, user, wanted))
 
 
 def _form(wanted: _Filter, user: User) -> Html:

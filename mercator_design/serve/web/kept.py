@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from mercator_design.analysis.proof import PROOF
 from mercator_design.errors import MercatorError
@@ -14,37 +15,48 @@ from mercator_design.runs.files import JOURNAL
 from mercator_design.runs.provenance import PROVENANCE
 from mercator_design.serve.desk.desk import Busy, Desk
 from mercator_design.serve.desk.races import Part
+from mercator_design.serve.jobs.races import length_of
 
 _PERIOD = 2.0
 """Seconds between two computations of a part."""
-_SHARE = 0.05  # of the time that a helper may spend on one part
+_SHARE = 0.2  # of the time that a helper may spend on one part
+_LONGEST = 20.0  # seconds between two computations
 _MOST = 200  # parts that are kept
+
+
+class _State(NamedTuple):
+    """What differs when a run folder has changed: its race goes on, or begins or ends."""
+
+    length: int  # of the journal
+    turns: tuple[object, ...]
 
 
 @dataclass(slots=True)
 class _Entry:
     lock: threading.Lock = field(default_factory=threading.Lock)
-    part: Part | None = None
+    part: Part | None = None  # the latest
     problem: MercatorError | None = None  # why there is no newer one
-    state: object = None  # of the folder, as the part shows it
+    state: "_State | None" = None  # of the folder, as the part shows it
     again: float = 0.0  # from when on it may be computed again
 
 
 class Kept:
     """Parts of pages; safe for several threads.
 
-    A part is computed again only if the run folder has changed, by one request at a time, and at most so often that it
-    takes a small share of the time of one helper. All other requests get the latest part at once.
+    A part is computed again only if the run folder has changed, by one request at a time, and while a race goes on at
+    most so often that it takes a small share of the time of one helper. All other requests get the latest part at once.
 
     Args:
         desk: Computes them.
+        helpers: Number of its helpers; half of them are left to other work.
         clock: Seconds that have passed since some time.
     """
 
-    def __init__(self, desk: Desk, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, desk: Desk, helpers: int, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._desk, self._clock = desk, clock
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         self._lock = threading.Lock()
+        self._places = threading.BoundedSemaphore(max(1, helpers // 2))
 
     def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
         """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
@@ -57,11 +69,15 @@ class Kept:
             MercatorError: It cannot be computed.
         """
         entry, state = self._entry((make.__name__, folder.name)), _state(folder)
-        if entry.state is not None and (entry.state == state or self._clock() < entry.again):
+        is_same = entry.state == state
+        if is_same or (entry.state is not None and entry.state.turns == state.turns and self._clock() < entry.again):
             if entry.problem is not None:
                 raise entry.problem
-            return entry.part, entry.state == state
+            return entry.part, is_same
         if not entry.lock.acquire(blocking=False):
+            return entry.part, False
+        if not self._places.acquire(blocking=False):
+            entry.lock.release()
             return entry.part, False
         try:
             begin = self._clock()
@@ -73,11 +89,12 @@ class Kept:
             except MercatorError as error:
                 entry.problem = error
             entry.state = state
-            entry.again = self._clock() + max(_PERIOD, (self._clock() - begin) / _SHARE)
+            entry.again = self._clock() + min(_LONGEST, max(_PERIOD, (self._clock() - begin) / _SHARE))
             if entry.problem is not None:
                 raise entry.problem
             return entry.part, True
         finally:
+            self._places.release()
             entry.lock.release()
 
     def _entry(self, key: tuple[str, str]) -> _Entry:
@@ -89,13 +106,13 @@ class Kept:
             return entry
 
 
-def _state(folder: Path) -> object:
-    """What differs when a run folder has changed."""
-    found: list[object] = [is_locked(folder / JOURNAL)]
-    for name in (JOURNAL, PROVENANCE, PROOF):
+def _state(folder: Path) -> _State:
+    """The state of a run folder."""
+    turns: list[object] = [is_locked(folder / JOURNAL)]
+    for name in (PROVENANCE, PROOF):
         try:
             status = (folder / name).stat()
-            found.append((status.st_ino, status.st_size, status.st_mtime_ns))
+            turns.append((status.st_ino, status.st_size, status.st_mtime_ns))
         except OSError:
-            found.append(None)
-    return found
+            turns.append(None)
+    return _State(length_of(folder / JOURNAL), tuple(turns))

@@ -16,7 +16,6 @@
       last[id] = Date.now();
       await Live.refresh(id);
       due[id] = null;
-      if (id === "race") named();
     }, wait);
   };
   const COUNTS = ["experiment", "ahead", "configuration", "revised"];
@@ -41,7 +40,6 @@
       if (!["succeeded", "failed", "cancelled"].includes(job.state)) return;
       close(); // the service ends the stream with it
       for (const id of ["now", "race", "files", "about", "messages"]) await Live.refresh(id);
-      named();
     });
     const mine = source;
     source.addEventListener("error", () => {
@@ -124,7 +122,9 @@
     show(0);
   };
 
-  Live.refresh("race").then(named);
+  document.addEventListener("htmx:after:swap", named);
+  named();
+  Live.refresh("race");
   Live.refresh("about");
   follow();
 })();

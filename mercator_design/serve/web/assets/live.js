@@ -44,7 +44,7 @@ const Live = (() => {
       answer = null;
     }
     state.isAwaited = false;
-    if (answer && answer.headers.has("X-Again")) setTimeout(refresh, 1500, id);
+    if (answer && answer.headers.has("X-Again")) setTimeout(refresh, 2500, id);
     else if (state.again) setTimeout(refresh, 500, id);
     return answer;
   };
@@ -86,16 +86,15 @@ const Live = (() => {
 
   /** Send a change, and show what it has changed. */
   const act = async (method, path, body) => {
+    let answer = null;
     try {
-      const answer = await Mercator.api(method, path, body);
+      answer = (await Mercator.api(method, path, body)) ?? true;
       tell("");
-      return answer === null ? true : answer;
     } catch (error) {
       tell(error.message);
-      return null;
-    } finally {
-      document.dispatchEvent(new CustomEvent("changed", { detail: { method, path } }));
     }
+    if (method !== "DELETE" || answer === null) document.dispatchEvent(new CustomEvent("changed"));
+    return answer;
   };
 
   document.addEventListener("click", async (event) => {
@@ -111,6 +110,12 @@ const Live = (() => {
     const list = document.getElementById("jobs");
     if (list) await refresh("jobs");
     if (document.activeElement === document.body && place) place.querySelector("button, a")?.focus();
+  });
+
+  // The address of the page is that of the list as it is shown.
+  document.addEventListener("htmx:after:swap", () => {
+    const query = document.getElementById("jobs")?.dataset.live.replace(/^[^?]*\??/, "");
+    if (query !== undefined && query !== location.search.slice(1)) history.replaceState(null, "", query ? `/?${query}` : "/");
   });
 
   return { refresh, tell, act };

@@ -190,3 +190,19 @@ def test_pages_are_small():
     names = {"report.css", "charts.css", "app.css", "htmx.min.js", "app.js", "live.js", "jobs.css"}
     assert sum(len(assets()[name].data) for name in names) < 100_000
     assert sum(len(assets()[name].data) for name in names | {"viewer.js", "viewer.css", "page.js", "job.js"}) < 200_000
+
+
+def test_errors_are_pages_to_who_reads_pages(ann, monkeypatch, quiet):
+    html = {"accept": "text/html,*/*"}
+    for path in ("/jobs/nowhere", "/nowhere"):
+        answer = ann.get(path, headers=html)
+        assert answer.status_code == 404
+        assert "<h1>" in answer.text
+        assert "script-src 'self'" in answer.headers["content-security-policy"]
+    assert "there is no job nowhere" in ann.get("/jobs/nowhere", headers=html).text
+    assert ann.get("/jobs/nowhere").json()["status"] == 404
+    assert ann.get("/api/v1/jobs/nowhere", headers=html).json()["status"] == 404
+    monkeypatch.setattr(quiet.service.index, "find", lambda *_, **__: 1 / 0)
+    answer = ann.get("/", headers=html)
+    assert answer.status_code == 500
+    assert "the service has made a mistake" in answer.text

@@ -23,6 +23,7 @@ from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web import machines as machine_pages
 from mercator_design.serve.web import missions as mission_pages
 from mercator_design.serve.web.kept import Kept
+from mercator_design.serve.web.layout import problem_page
 
 THIS_MACHINE = Entrance()
 """Only this machine reaches the service."""
@@ -52,7 +53,7 @@ def application(service: Service) -> FastAPI:
     )
     app.state.service = service
     app.state.kept = Kept(service.desk, service.settings.helpers)
-    report_problems(app)
+    report_problems(app, problem_page)
     for room in (
         *(jobs, missions, events, files, system),
         *(fsms, designs),

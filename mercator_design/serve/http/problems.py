@@ -3,11 +3,12 @@
 import errno
 import logging
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
@@ -59,14 +60,27 @@ def answer(status: int, title: str, errors: Sequence[str], headers: dict[str, st
     return JSONResponse(problem.model_dump(), status, headers=headers, media_type="application/problem+json")
 
 
-def report_problems(app: FastAPI) -> None:
-    """Let an application answer errors with problems."""
-    app.add_exception_handler(MercatorError, _of_ours)
-    app.add_exception_handler(RequestValidationError, _of_validation)
-    app.add_exception_handler(HTTPException, _of_http)
-    app.add_exception_handler(OSError, _of_system)
-    app.add_exception_handler(sqlite3.Error, _of_system)
-    app.add_exception_handler(Exception, _of_fault)
+ProblemPage: TypeAlias = Callable[[Request, Problem], Response]
+"""Makes the page of a problem, for who reads pages."""
+
+
+def report_problems(app: FastAPI, page: ProblemPage) -> None:
+    """Let an application answer errors with problems: as pages to who asks for a page, else as JSON."""
+
+    def readable(handler: Callable[[Request, Exception], JSONResponse]) -> Callable[[Request, Exception], Response]:
+        def handle(request: Request, error: Exception) -> Response:
+            found = handler(request, error)
+            is_page = "text/html" in request.headers.get("accept", "") and not request.url.path.startswith("/api/")
+            return page(request, Problem.model_validate_json(bytes(found.body))) if is_page else found
+
+        return handle
+
+    app.add_exception_handler(MercatorError, readable(_of_ours))
+    app.add_exception_handler(RequestValidationError, readable(_of_validation))
+    app.add_exception_handler(HTTPException, readable(_of_http))
+    app.add_exception_handler(OSError, readable(_of_system))
+    app.add_exception_handler(sqlite3.Error, readable(_of_system))
+    app.add_exception_handler(Exception, readable(_of_fault))
 
 
 def _of_ours(_: Request, error: Exception) -> JSONResponse:

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 
+from fastapi import Request
 from fastapi.responses import HTMLResponse
 
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
+from mercator_design.serve.http.problems import Problem
 from mercator_design.serve.web.assets import assets
 from mercator_design.view.markup import escaped
 
@@ -75,3 +77,10 @@ def _navigation(user: User | None, here: str) -> Html:
         f'<header class="bar"><span class="brand">mercator_design</span><nav>{links}</nav>'
         f'<span class="who" dir="auto">{escaped(user.name)}</span>{_LOGOUT if user != LOCAL else ""}</header>'
     )
+
+
+def problem_page(request: Request, problem: Problem) -> HTMLResponse:
+    """The page of an error."""
+    messages = "".join(f'<p class="problem">{escaped(one)}</p>' for one in problem.errors)
+    back = '<p><a href="/">To the jobs</a></p>'
+    return page(problem.title, messages, back, user=getattr(request.state, "user", None), status=problem.status)

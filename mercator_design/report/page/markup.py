@@ -32,7 +32,7 @@ def figure(svg: str, caption: object, command: str, *, is_wide: bool = False) ->
     """A picture with its caption, and the command that made it."""
     wide = ' class="wide"' if is_wide else ""
     return Html(
-        f'<figure{wide}><div class="scroll">{svg}</div>'
+        f'<figure{wide}><div class="scroll"{" tabindex=0" * is_wide}>{svg}</div>'
         f"<figcaption>{html(caption)} <code>{escaped(command)}</code></figcaption></figure>"
     )
 
@@ -55,7 +55,7 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, name: str
     titles = "".join(f"<th>{html(title)}</th>" for title in head)
     data = f' data-table="{name}"' if name else ""
     return Html(
-        f'<div class="scroll"><table{data}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table></div>'
+        f'<div class="scroll" tabindex="0"><table{data}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table></div>'
     )
 
 

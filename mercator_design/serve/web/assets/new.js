@@ -126,7 +126,7 @@
           ...CodeMirror.completionKeymap, ...CodeMirror.defaultKeymap, ...CodeMirror.historyKeymap,
           ...CodeMirror.lintKeymap, ...CodeMirror.searchKeymap,
         ]),
-        EditorView.contentAttributes.of({ "aria-labelledby": "text-label", "aria-describedby": "keys" }),
+        EditorView.contentAttributes.of({ tabindex: "0", "aria-labelledby": "text-label", "aria-describedby": "keys" }),
         EditorView.updateListener.of((update) => { if (update.docChanged) { state = null; changed(); } }),
       ],
     }),

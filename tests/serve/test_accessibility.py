@@ -1,0 +1,58 @@
+"""Every page of the service, checked by axe-core 4.14.1 (tests/data/axe.min.js, Mozilla Public License 2.0)."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.serve.machines import race_in
+from tests.serve.served import served
+from tests.view.browser import CHROMIUM, browser
+
+pytestmark = [pytest.mark.together, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
+
+AXE = Path("tests/data/axe.min.js")
+PAGES = ("/", "/new", "/fsm", "/compare", "/gallery", "/jobs/before", "/login")
+LOOKS = {"light": {}, "dark": {"dark": True}, "phone": {"width": 375}}
+
+
+@pytest.fixture(scope="module")
+def address(service):
+    race_in(service.data / "before")
+    service.supervisor.reconcile()
+    with served(service) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("browser")) as page:
+        yield page
+
+
+@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("path", PAGES)
+def test_no_serious_fault(page, address, path, look):
+    page.open(address + path, **LOOKS[look])
+    page.wait_for("!document.querySelector('.htmx-request, [aria-busy=true]')")
+    page.evaluate(AXE.read_text(encoding="utf-8") + "; true")
+    found = page.evaluate(
+        "axe.run(document, { resultTypes: ['violations'] }).then((one) => one.violations"
+        ".filter((each) => ['serious', 'critical'].includes(each.impact))"
+        ".map((each) => `${each.id}: ${each.nodes.map((node) => node.target).join(' ')}`))"
+    )
+    assert found == []
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_fits_a_phone(page, address, path):
+    page.open(address + path, width=375)
+    page.wait_for("!document.querySelector('.htmx-request, [aria-busy=true]')")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 375
+
+
+def test_a_fault_is_found(page, address):
+    page.open(f"{address}/login")
+    page.evaluate("document.querySelector('main').append(document.createElement('select')); true")
+    page.evaluate(AXE.read_text(encoding="utf-8") + "; true")
+    found = page.evaluate("axe.run(document).then((one) => one.violations.map((each) => each.id))")
+    assert "select-name" in found

@@ -1,0 +1,54 @@
+"""The document of the API is true: whatever fits it, or just does not, is answered without a fault of the service."""
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+
+from mercator_design.serve.http.app import guarded
+from tests.serve.machines import race_in
+
+pytestmark = pytest.mark.together
+
+ENDLESS = "/api/v1/jobs/{id}/events"
+
+
+@pytest.fixture(scope="module")
+def schema(service):
+    race_in(service.data / "before")
+    service.supervisor.reconcile()
+    return schemathesis.openapi.from_asgi("/api/v1/openapi.json", guarded(service), headers={"Host": "localhost"})
+
+
+def operations(schema):
+    return [one.ok() for one in schema.get_all_operations() if one.ok().path != ENDLESS]
+
+
+def check(operation, examples, mode):
+    @settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=[*HealthCheck]
+    )
+    @given(case=operation.as_strategy(generation_mode=mode))
+    def is_answered(case):
+        if "id" in case.path_parameters and len(str(case.path_parameters["id"])) % 2:
+            case.path_parameters["id"] = "before"
+        answer = case.call(headers={"Host": "localhost"})
+        assert answer.status_code < 500, (answer.status_code, answer.text[:500])
+        if answer.status_code >= 400:
+            assert answer.json()["errors"]
+
+    is_answered()
+
+
+@pytest.mark.parametrize("mode", schemathesis.GenerationMode, ids=lambda one: one.name)
+def test_no_fault_of_the_service(schema, mode):
+    found = operations(schema)
+    assert len(found) >= 30
+    for operation in found:
+        check(operation, 4, mode)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", schemathesis.GenerationMode, ids=lambda one: one.name)
+def test_many(schema, mode):
+    for operation in operations(schema):
+        check(operation, 300, mode)

@@ -54,9 +54,8 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]], *, name: str
     lines = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in cells)
     titles = "".join(f"<th>{html(title)}</th>" for title in head)
     data = f' data-table="{name}"' if name else ""
-    return Html(
-        f'<div class="scroll" tabindex="0"><table{data}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table></div>'
-    )
+    whole = f"<table{data}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    return Html(f'<div class="scroll" tabindex="0">{whole}</div>')
 
 
 def p_text(value: float) -> str:

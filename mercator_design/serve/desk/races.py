@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from mercator_design.analysis.proof import read_proof
@@ -19,7 +20,7 @@ from mercator_design.view.page import script_json
 from mercator_design.view.replay import replay_of
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Part:
     """A part of a page.
 
@@ -30,7 +31,7 @@ class Part:
     text: str
     best: int | None
 
-    @property
+    @cached_property
     def version(self) -> str:
         """Of the text."""
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]

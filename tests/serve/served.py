@@ -12,7 +12,8 @@ from mercator_design.serve.http.app import guarded
 @contextlib.contextmanager
 def served(service):
     """The address of a service while it is served."""
-    server = uvicorn.Server(uvicorn.Config(guarded(service), host="127.0.0.1", port=0, log_level="warning"))
+    how = {"log_level": "critical", "timeout_graceful_shutdown": 5}  # streams of open pages are cut
+    server = uvicorn.Server(uvicorn.Config(guarded(service), host="127.0.0.1", port=0, **how))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:

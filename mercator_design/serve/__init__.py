@@ -1,12 +1,14 @@
 """The design service: a lab submits missions, follows races and keeps designs. Nothing imports it.
 
 settings      limits and workers, from serve.yaml
-service       puts the parts together
 jobs/         jobs: their files, their index, who is next, the processes that run races
 accounts/     users, tokens, sessions, the guard in front of every request
 designs       FSMs that users keep
 desk/         short work in helper processes: previews, evaluations, replays, reports
+service       puts the parts together
 http/         the HTTP API
 web/          the pages and their assets
+app           the application: API and pages behind the guard
+client/       uses a service: requests, events, files
 cli/          serve, users, and the client: submit, jobs, follow, fetch
 """

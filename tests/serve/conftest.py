@@ -4,7 +4,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts import users
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
 from tests.serve.races import BUDGET, House

@@ -6,7 +6,7 @@ from starlette.testclient import TestClient
 
 import mercator_design as md
 from mercator_design.serve.accounts.users import User
-from mercator_design.serve.http.app import application
+from mercator_design.serve.app import application
 
 FSM = "--nstates 2 --s0 0 --rwm0 5 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.9 --s1 1 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.2"
 STOP = "--nstates 1 --s0 1"

@@ -6,7 +6,7 @@ import time
 
 import uvicorn
 
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 
 
 @contextlib.contextmanager

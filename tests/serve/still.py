@@ -7,7 +7,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts.users import User
-from mercator_design.serve.http.app import application
+from mercator_design.serve.app import application
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.jobs.supervisor import Supervisor

@@ -4,7 +4,7 @@ import pytest
 import schemathesis
 from hypothesis import HealthCheck, given, settings
 
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 from tests.serve.machines import race_in
 
 pytestmark = pytest.mark.together

@@ -8,11 +8,11 @@ import httpx
 import pytest
 
 from mercator_design.config import shipped
+from mercator_design.serve.app import guarded
 from mercator_design.serve.client import connection as connecting
 from mercator_design.serve.client.connection import ClientError, Connection, token_for
 from mercator_design.serve.client.fetch import fetch_folder
 from mercator_design.serve.client.follow import events_of
-from mercator_design.serve.http.app import guarded
 from mercator_design.serve.service import Service
 from tests.processes import wait_until
 from tests.serve.serving import serving

@@ -10,8 +10,8 @@ from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.refusals import SAFE
+from mercator_design.serve.app import application, guarded, openings
 from mercator_design.serve.designs import Design
-from mercator_design.serve.http.app import application, guarded, openings
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.service import Service
 from mercator_design.system.files import write_text

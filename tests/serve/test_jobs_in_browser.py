@@ -2,7 +2,7 @@
 
 import pytest
 
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 from tests.serve.races import BUDGET
 from tests.serve.serving import serving
 from tests.serve.still import still

@@ -11,7 +11,7 @@ from starlette.testclient import TestClient
 from mercator_design.serve.accounts import attempts, sessions
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.sessions import Sessions
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 from mercator_design.serve.service import Service
 
 pytestmark = pytest.mark.together

@@ -10,8 +10,8 @@ import uvicorn
 from starlette.responses import PlainTextResponse
 from starlette.testclient import TestClient
 
+from mercator_design.serve.app import guarded
 from mercator_design.serve.http import server
-from mercator_design.serve.http.app import guarded
 from mercator_design.serve.http.server import PatientProtocol, listening
 
 

@@ -9,7 +9,7 @@ from mercator_design.cli.options import FOLDER
 from mercator_design.command import FILE, print_message
 from mercator_design.serve.accounts.entrance import Entrance, check_certificate
 from mercator_design.serve.accounts.users import Users
-from mercator_design.serve.http.app import guarded
+from mercator_design.serve.app import guarded
 from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import load_settings

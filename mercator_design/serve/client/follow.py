@@ -17,10 +17,10 @@ from mercator_design.race.running.events import event_of
 from mercator_design.race.running.standing import Standing
 from mercator_design.report.progress import Mode, RaceDisplay
 from mercator_design.serve.client.connection import ClientError, Connection, Lost
+from mercator_design.serve.jobs.job import ENDED
 
 STATE = "state"
 """The kind of events that have the job itself."""
-_ENDED = ("succeeded", "failed", "cancelled")
 _SILENCE = 60.0
 """Seconds without a word of the service after which the connection counts as lost; it sends something every 15 s."""
 _WAITS = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -74,7 +74,7 @@ def events_of(
             for identity, told in _stream(connection, job, place):
                 place, tries, is_announced = identity or place, 0, False
                 yield told
-                if told.kind == STATE and told.data.get("state") in _ENDED:
+                if told.kind == STATE and told.data.get("state") in ENDED:
                     return
         except Lost as lost:
             if not is_announced:
@@ -137,7 +137,7 @@ def follow(
             each(told)
             if told.kind == STATE:
                 now = told.data
-                if (words := _words(now)) != said and now.get("state") not in _ENDED:
+                if (words := _words(now)) != said and now.get("state") not in ENDED:
                     announce(f"{job}: {words}")
                 said = words
             elif told.kind != "start":

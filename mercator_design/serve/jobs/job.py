@@ -4,15 +4,15 @@ The run folder has the race itself. The file of a job has the rest: request, own
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from mercator_design.config.schema import Length, Name, OneOf, Range
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import METHODS
 
 State: TypeAlias = Literal["queued", "running", "paused", "succeeded", "failed", "cancelled"]
-STATES: tuple[State, ...] = ("queued", "running", "paused", "succeeded", "failed", "cancelled")
-ENDED: frozenset[State] = frozenset({"succeeded", "failed", "cancelled"})
+STATES: tuple[State, ...] = get_args(State)
+ENDED: tuple[State, ...] = ("succeeded", "failed", "cancelled")
 """States in which nothing happens unless a user asks for it."""
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
 

@@ -1,6 +1,7 @@
 """The design service: a lab submits missions, follows races and keeps designs. Nothing imports it.
 
 settings      limits and workers, from serve.yaml
+records       folders with a JSON file each
 jobs/         jobs: their files, their index, who is next, the processes that run races
 accounts/     users, tokens, sessions, the guard in front of every request
 designs       FSMs that users keep

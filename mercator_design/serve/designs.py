@@ -3,7 +3,6 @@
 DATA/.service/designs/ID/    design.json, fsm.txt, mission.yaml
 """
 
-import json
 import logging
 import shutil
 import threading
@@ -12,20 +11,16 @@ from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Any, Literal
 
-from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Length, Name, Range
-from mercator_design.config.writing import plain
 from mercator_design.race.running.journal import now
 from mercator_design.serve.jobs.operations import LimitReached
-from mercator_design.serve.jobs.store import MISSION, new_id
+from mercator_design.serve.jobs.store import MISSION
+from mercator_design.serve.records import Records, new_id
 from mercator_design.serve.settings import Limits, ServiceError
-from mercator_design.system.files import Unreadable, read_small, sync_folder, write_text
 
 _log = logging.getLogger(__name__)
 
 FSM = "fsm.txt"
-_FILE = "design.json"
-_MAX_SIZE = 1024 * 1024  # bytes of a file of a design
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,17 +55,14 @@ class Designs:
     """
 
     def __init__(self, folder: Path, limits: Limits) -> None:
-        self._folder, self._limits = folder, limits
+        self._records, self._limits = Records(folder, Design, "design.json"), limits
         self._lock = threading.RLock()
         self._known: dict[str, Design] = {}
-        folder.mkdir(parents=True, exist_ok=True)
-        for file in sorted(folder.glob(f"*/{_FILE}")):
+        for identity in self._records.ids():
             try:
-                design = self._read(file)
+                self._known[identity] = self._records.read(identity)
             except ServiceError as error:
                 _log.error("%s", error)
-            else:
-                self._known[design.id] = design
 
     def get(self, identity: str) -> Design | None:
         """A design."""
@@ -110,21 +102,13 @@ class Designs:
 
         Raises:
             LimitReached: The user has too many.
+            ServiceError: A value of it is not valid.
             OSError: It cannot be written.
         """
         with self._lock:
             self.check_number(design.owner)
             design = replace(design, id=new_id(design.name), created=now())
-            folder = self._folder / design.id
-            folder.mkdir()
-            try:
-                write_text(folder / FSM, fsm)
-                write_text(folder / MISSION, mission)
-                self._write(design)
-                sync_folder(self._folder)
-            except BaseException:
-                shutil.rmtree(folder, ignore_errors=True)
-                raise
+            self._records.add(design, {FSM: fsm, MISSION: mission})
             self._known[design.id] = design
             return design
 
@@ -147,7 +131,7 @@ class Designs:
         """
         with self._lock:
             design = replace(self._known[identity], **changes)
-            self._write(design)
+            self._records.write(design)
             self._known[identity] = design
             return design
 
@@ -159,8 +143,8 @@ class Designs:
             OSError: It cannot be deleted.
         """
         with self._lock:
-            (self._folder / identity / _FILE).unlink(missing_ok=True)  # first: without it, there is no design
-            shutil.rmtree(self._folder / identity, ignore_errors=True)
+            self._records.file(identity).unlink(missing_ok=True)  # first: without it, there is no design
+            shutil.rmtree(self._records.folder(identity), ignore_errors=True)
             del self._known[identity]
 
     def fsm(self, identity: str) -> str:
@@ -169,7 +153,7 @@ class Designs:
         Raises:
             ServiceError: It is missing.
         """
-        return self._text(identity, FSM)
+        return self._records.text(identity, FSM)
 
     def mission(self, identity: str) -> str:
         """The text of its mission.yaml.
@@ -177,20 +161,4 @@ class Designs:
         Raises:
             ServiceError: It is missing.
         """
-        return self._text(identity, MISSION)
-
-    def _text(self, identity: str, name: str) -> str:
-        file = self._folder / identity / name
-        try:
-            return read_small(file, _MAX_SIZE).decode()
-        except (Unreadable, UnicodeDecodeError) as error:
-            raise ServiceError(f"{file}: {error}") from None
-
-    def _read(self, file: Path) -> Design:
-        design: Design = read_json(file, Design, error=ServiceError)
-        if design.id != file.parent.name:
-            raise ServiceError(f"{file}: id: expected {file.parent.name}, as its folder, found another")
-        return design
-
-    def _write(self, design: Design) -> None:
-        write_text(self._folder / design.id / _FILE, json.dumps(plain(design), indent=1) + "\n")
+        return self._records.text(identity, MISSION)

@@ -15,9 +15,9 @@ from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.index import Index
 from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.processes import Launcher
-from mercator_design.serve.jobs.store import SERVICE, Store
+from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
-from mercator_design.serve.settings import ServiceError, Settings, load_settings
+from mercator_design.serve.settings import SERVICE, ServiceError, Settings, load_settings
 
 
 @dataclass(slots=True)

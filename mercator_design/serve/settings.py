@@ -9,6 +9,8 @@ from mercator_design.config.schema import Range
 from mercator_design.errors import MercatorError
 
 FILE = "serve.yaml"
+SERVICE = ".service"
+"""The folder in the data folder for all but run folders."""
 _Count = Annotated[int, Range(1)]
 _Megabytes = Annotated[int, Range(0)]
 

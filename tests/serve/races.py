@@ -6,9 +6,9 @@ from mercator_design.race.running.journal import Journal
 from mercator_design.serve.jobs.index import Index
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.jobs.operations import Operations
-from mercator_design.serve.jobs.store import SERVICE, Store
+from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
-from mercator_design.serve.settings import Limits, Settings
+from mercator_design.serve.settings import SERVICE, Limits, Settings
 
 BUDGET = 60
 """Of the race that the fixture `raced` has run."""

@@ -174,7 +174,7 @@ def test_a_full_disk_is_no_fault(ann, quiet, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     job = quiet.submit()
-    monkeypatch.setattr("mercator_design.serve.jobs.store.write_text", full)
+    monkeypatch.setattr("mercator_design.serve.records.write_text", full)
     answer = ann.post(JOBS, json={"mission": "aggregation", "budget": BUDGET})
     assert (answer.status_code, answer.json()["title"]) == (507, "Disk full")
     assert ann.post(f"{JOBS}/{job}/pause").status_code == 507

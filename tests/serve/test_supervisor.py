@@ -297,7 +297,7 @@ def test_the_end_of_a_race_is_noted_when_there_is_space(house, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("mercator_design.serve.jobs.store.write_text", full)
+        patch.setattr("mercator_design.serve.records.write_text", full)
         house.race(first)
         for _ in range(5):
             house.end(first, -9)

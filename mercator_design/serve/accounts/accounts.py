@@ -15,6 +15,7 @@ from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.audit import Audit
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.accounts.users import Holder, Users
+from mercator_design.serve.settings import SERVICE
 
 
 class TooManyFailures(MercatorError):  # noqa: N818 - an answer
@@ -50,8 +51,8 @@ class Accounts:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.users = Users(data, now)
-        self.sessions = Sessions(data / ".service" / sessions.FILE, now)
-        self.audit = Audit(data / ".service" / audit.FILE, now)
+        self.sessions = Sessions(data / SERVICE / sessions.FILE, now)
+        self.audit = Audit(data / SERVICE / audit.FILE, now)
         self.attempts = Attempts(clock)
         self.noise = Attempts(clock)
         self.answers: Counter[int] = Counter()

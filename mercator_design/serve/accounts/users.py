@@ -23,7 +23,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import FieldError, Pattern
 from mercator_design.config.writing import plain
 from mercator_design.errors import MercatorError, excerpt
-from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.settings import SERVICE, ServiceError
 from mercator_design.system.files import Unreadable, read_small, write_text
 
 FILE = "users.json"
@@ -129,7 +129,7 @@ class Users:
     """
 
     def __init__(self, data: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        self.file, self._now = data / ".service" / FILE, now
+        self.file, self._now = data / SERVICE / FILE, now
         self._reading = _Reading()
         self._verified: dict[bytes, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
 

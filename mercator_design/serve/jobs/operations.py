@@ -44,6 +44,7 @@ class Operations:
         Raises:
             NotPossible: The key was used for another request.
             LimitReached: see `Limits`.
+            ServiceError: A value is not valid.
             OSError: It cannot be written.
         """
         with self._supervisor.locked:
@@ -58,10 +59,10 @@ class Operations:
             job = self._store.create(owner, name, direction, request, text, key=key)
             try:
                 row = self._supervisor.refresh(job.id)
+                assert row is not None  # noqa: S101 - its file was just written
             except BaseException:  # for example, the disk is full: the user will submit it again
                 self._store.delete(job.id)
                 raise
-        assert row is not None  # noqa: S101 - its file was just written
         self._supervisor.wake()
         return row
 

@@ -4,9 +4,6 @@ DATA/ID/                     the run folder of a job, as `mdesign race -o` write
 DATA/.service/jobs/ID/       job.json, mission.yaml if the user sent a text, and output.txt, the messages of its race
 """
 
-import json
-import re
-import secrets
 import shutil
 import threading
 from collections.abc import Iterator
@@ -15,20 +12,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mercator_design.config.json_data import read_json
-from mercator_design.config.writing import plain
-from mercator_design.errors import printable
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.job import Job, Request
-from mercator_design.serve.settings import ServiceError
-from mercator_design.system.files import sync_folder, write_text
+from mercator_design.serve.records import Records, new_id
+from mercator_design.serve.settings import SERVICE
 
-SERVICE = ".service"
 MISSION = "mission.yaml"
 OUTPUT = "output.txt"
-_JOB = "job.json"
 _DELETED = "deleted-"
-_ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no characters that look alike
 
 
 class Store:
@@ -45,8 +36,7 @@ class Store:
             OSError: The folder cannot be made.
         """
         self.data = data
-        self._jobs = data / SERVICE / "jobs"
-        self._jobs.mkdir(parents=True, exist_ok=True)
+        self._records = Records(data / SERVICE / "jobs", Job, "job.json")
         (data / SERVICE).chmod(0o700)
         self._lock = threading.RLock()
         for left in (data / SERVICE).glob(f"{_DELETED}*"):
@@ -73,25 +63,18 @@ class Store:
             key: As `Job.key`.
 
         Raises:
+            ServiceError: A value is not valid, for example the name.
             OSError: It cannot be written.
         """
-        identity = new_id(name)
-        job = Job(id=identity, owner=owner, name=name, direction=direction, request=request, submitted=_time(), key=key)
-        folder = self.folder(identity)
-        folder.mkdir()
-        try:
-            if text is not None:
-                write_text(folder / MISSION, text)
-            self._write(job)
-            sync_folder(self._jobs)
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
+        job = Job(
+            id=new_id(name), owner=owner, name=name, direction=direction, request=request, submitted=_time(), key=key
+        )
+        self._records.add(job, {} if text is None else {MISSION: text})
         return job
 
     def folder(self, identity: str) -> Path:
         """The folder of a job's file."""
-        return self._jobs / identity
+        return self._records.folder(identity)
 
     def run_folder(self, identity: str) -> Path:
         """The run folder of a job; it may not be there yet."""
@@ -99,7 +82,7 @@ class Store:
 
     def ids(self) -> list[str]:
         """The jobs."""
-        return sorted(file.parent.name for file in self._jobs.glob(f"*/{_JOB}"))
+        return self._records.ids()
 
     def others(self) -> Iterator[Path]:
         """Run folders of the data folder that are of no job."""
@@ -114,16 +97,15 @@ class Store:
         Raises:
             ServiceError: Its file is missing or damaged.
         """
-        file = self.folder(identity) / _JOB
-        job: Job = read_json(file, Job, error=ServiceError)
-        if job.id != identity:
-            raise ServiceError(f"{file}: id: expected {identity}, as its folder, found {printable(job.id)}")
-        return job
+        return self._records.read(identity)
 
     def text(self, identity: str) -> str | None:
-        """The mission of a job; None if it is a shipped one."""
-        file = self.folder(identity) / MISSION
-        return file.read_text(encoding="utf-8") if file.exists() else None
+        """The mission of a job; None if it is a shipped one.
+
+        Raises:
+            ServiceError: It is damaged.
+        """
+        return self._records.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
         """Change fields of a job.
@@ -134,7 +116,7 @@ class Store:
         """
         with self._lock:
             job = replace(self.read(identity), **changes)
-            self._write(job)
+            self._records.write(job)
             return job
 
     def delete(self, identity: str) -> None:
@@ -159,15 +141,6 @@ class Store:
         if run.exists() and not gone.exists():
             run.rename(gone)
         shutil.rmtree(job, ignore_errors=True)
-
-    def _write(self, job: Job) -> None:
-        write_text(self.folder(job.id) / _JOB, json.dumps(plain(job), indent=1) + "\n")
-
-
-def new_id(name: str) -> str:
-    """An id that nothing else has, which begins with a name."""
-    stem = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "mission"
-    return f"{stem}-{''.join(secrets.choice(_ALPHABET) for _ in range(10))}"
 
 
 def size_of(folder: Path) -> int:

@@ -1,0 +1,29 @@
+import pytest
+
+from mercator_design.serve.service import Service
+from mercator_design.serve.settings import ServiceError
+
+
+def test_two_services_on_one_folder(tmp_path, idle_races):
+    with Service(tmp_path) as first:
+        with pytest.raises(ServiceError, match="another service runs on this folder"), Service(tmp_path):
+            pass
+        assert first.supervisor.is_at_work
+    with Service(tmp_path) as next_one:
+        assert next_one.supervisor.is_at_work
+
+
+def test_a_mistake_in_the_settings_lets_go_of_the_folder(tmp_path, idle_races):
+    file = tmp_path / "serve.yaml"
+    file.write_text("races: 0\n")
+    with pytest.raises(ServiceError, match=r"serve\.yaml:1: races: "), Service(tmp_path):
+        pass
+    file.unlink()
+    with Service(tmp_path) as service:
+        assert service.settings.races == 1
+
+
+def test_a_folder_that_is_a_file(tmp_path):
+    (tmp_path / "runs").touch()
+    with pytest.raises(ServiceError, match="runs: cannot be used: "), Service(tmp_path / "runs"):
+        pass

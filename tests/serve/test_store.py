@@ -1,0 +1,81 @@
+import pytest
+
+from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.jobs.store import Store
+from mercator_design.serve.settings import ServiceError
+
+REQUEST = Request(mission="aggregation", budget=100)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path)
+
+
+def create(store, *, text=None, **given):
+    return store.create(
+        **{"owner": "ann", "name": "a test", "direction": "maximise", "request": REQUEST, "text": text} | given
+    )
+
+
+def test_a_job_is_read_as_it_was_created(store):
+    job = create(store, text="robots: 3\n", key="k")
+    assert (store.read(job.id), store.text(job.id), store.ids()) == (job, "robots: 3\n", [job.id])
+    assert (job.id.startswith("a-test-"), job.owner, job.request, job.key) == (True, "ann", REQUEST, "k")
+
+
+def test_a_shipped_mission_has_no_text(store):
+    assert store.text(create(store).id) is None
+
+
+def test_changes_are_there_after_a_restart(store):
+    job = create(store)
+    changed = store.update(job.id, wish="pause", shared=True)
+    assert (changed.wish, changed.shared) == ("pause", True)
+    assert Store(store.data).read(job.id) == changed
+
+
+@pytest.mark.parametrize("wrong", [{"name": "../up"}, {"name": ""}, {"request": Request(mission="aac", budget=-1)}])
+def test_what_is_not_valid_leaves_nothing(store, wrong):
+    with pytest.raises(ServiceError, match=r"job\.json"):
+        create(store, **wrong)
+    assert list((store.data / ".service/jobs").iterdir()) == []
+
+
+def test_a_job_in_the_folder_of_another_is_damaged(store):
+    job = create(store)
+    store.folder(job.id).rename(store.folder("other"))
+    with pytest.raises(ServiceError, match=f"expected other, as its folder, found {job.id}"):
+        store.read("other")
+
+
+def test_a_damaged_text_is_said(store):
+    job = create(store, text="x")
+    (store.folder(job.id) / "mission.yaml").write_bytes(b"\xff")
+    with pytest.raises(ServiceError, match=r"mission\.yaml"):
+        store.text(job.id)
+
+
+def test_deletion_takes_the_run_folder(store):
+    job, other = create(store), create(store)
+    (store.run_folder(job.id) / "replays").mkdir(parents=True)
+    store.delete(job.id)
+    assert store.ids() == [other.id]
+    assert sorted(path.name for path in store.data.rglob("*")) == sorted([".service", "jobs", other.id, "job.json"])
+
+
+def test_a_deletion_that_was_cut_off_is_finished_at_the_next_start(store):
+    job = create(store)
+    store.run_folder(job.id).mkdir()
+    store.folder(job.id).rename(store.data / ".service" / f"deleted-{job.id}")
+    again = Store(store.data)
+    assert (again.ids(), again.run_folder(job.id).exists()) == ([], False)
+
+
+def test_others_are_run_folders_of_no_job(store):
+    job = create(store)
+    for name in (job.id, "race", ".hidden", "empty"):
+        (store.data / name).mkdir()
+        if name != "empty":
+            (store.data / name / "journal.jsonl").touch()
+    assert [path.name for path in store.others()] == ["race"]

@@ -7,12 +7,13 @@ from fastapi.responses import StreamingResponse
 from fastapi.routing import iter_route_contexts
 from fastapi.security import HTTPBearer
 from starlette.routing import compile_path
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from mercator_design import __version__
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
+from mercator_design.serve.desk.desk import ASKED_BY
 from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
@@ -34,10 +35,22 @@ _TOKEN = HTTPBearer(auto_error=False, description="A token of `mdesign users`; w
 def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
     """The application of a running service, behind the guard: what is served."""
     app = application(service)
-    guard = Guard(app, service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams)
+    guard = Guard(_asking(app), service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams)
     if not entrance.is_behind_proxy:
         return guard
     return ProxyHeadersMiddleware(guard, [*entrance.proxies])  # type: ignore[arg-type,return-value]  # types of its own
+
+
+def _asking(app: ASGIApp) -> ASGIApp:
+    """An application that tells the desk for which user it asks for work."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        user = scope["state"]["user"] if scope["type"] == "http" else None
+        if user is not None:
+            ASKED_BY.set(user.name)
+        await app(scope, receive, send)
+
+    return answer
 
 
 def application(service: Service) -> FastAPI:

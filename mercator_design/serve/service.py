@@ -60,7 +60,9 @@ class Service:
         self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
         self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
         self._empty = tempfile.TemporaryDirectory(prefix="mercator_design-")
-        self.desk = Desk(settings.helpers, settings.helper_seconds, settings.plugins, Path(self._empty.name))
+        self.desk = Desk(
+            settings.helpers, settings.helper_seconds, settings.helper_memory, settings.plugins, Path(self._empty.name)
+        )
         self.accounts = Accounts(self.data)
         self.supervisor.start()
         return self

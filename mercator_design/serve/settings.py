@@ -45,8 +45,9 @@ class Settings:
     jobs: Annotated[int, Range(0)] = (
         0  # experiments of a race at the same time; 0: the cores of this machine by `races`
     )
-    helpers: Annotated[int, Range(1, 64)] = 2  # processes for short work: previews, evaluations, replays
+    helpers: Annotated[int, Range(1, 64)] = 3  # processes for short work; a user has at most all but one
     helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
+    helper_memory: Annotated[int, Range(300)] = 2000  # of a helper, above which such work is refused [MB]
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
     plugins: tuple[str, ...] = ()  # Python files with objectives and dynamics; they run as the service's user
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy

@@ -4,12 +4,13 @@ import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from mercator_design.errors import MissionError
 from mercator_design.serve.desk import desk as module
-from mercator_design.serve.desk.desk import Busy, Desk, TimeLimit
+from mercator_design.serve.desk.desk import ASKED_BY, Busy, Desk, TooMuchWork
 from mercator_design.serve.settings import ServiceError
 from tests.processes import wait_until
 
@@ -38,6 +39,10 @@ def sleep(seconds):
     time.sleep(seconds)
 
 
+def oom_score():
+    return Path("/proc/self/oom_score_adj").read_text()
+
+
 def unsendable():
     return lambda: None
 
@@ -45,7 +50,7 @@ def unsendable():
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
-    desk = Desk(1, 60.0, (), folder)
+    desk = Desk(1, 60.0, 2000, (), folder)
     yield desk
     desk.close()
 
@@ -86,7 +91,7 @@ def test_what_cannot_be_sent_does_no_harm(desk):
 def test_time_limit(desk, monkeypatch):
     desk.run(add, 1)  # its start has a limit of its own
     monkeypatch.setattr(desk, "_seconds", 0.05)
-    with pytest.raises(TimeLimit, match=r"longer than the 0.05 s that the service allows"):
+    with pytest.raises(TooMuchWork, match=r"longer than the 0.05 s that the service allows"):
         desk.run(sleep, 60)
     monkeypatch.undo()
     assert desk.run(add, 1) == 2
@@ -94,11 +99,67 @@ def test_time_limit(desk, monkeypatch):
 
 def test_busy(desk, monkeypatch):
     monkeypatch.setattr(module, "_PATIENCE", 0.0)
-    helper = desk._idle.get()
-    with pytest.raises(Busy, match="try again in a moment"):
+    with desk._helper("ann"), pytest.raises(Busy, match="try again in a moment"):
         desk.run(add, 1)
-    desk._idle.put(helper)
     assert desk.run(add, 1) == 2
+    assert not desk._asked
+    assert not desk._at_work
+
+
+def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_PATIENCE", 0.0)
+    desk = Desk(3, 60.0, 2000, (), tmp_path)
+    with desk._helper("ann"), desk._helper("ann"):
+        with pytest.raises(Busy), desk._helper("ann"):
+            pass
+        with desk._helper("bob"), pytest.raises(Busy), desk._helper("carl"):
+            pass
+        with desk._helper("carl"):
+            pass
+
+
+def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
+    monkeypatch.setattr(module, "_PATIENCE", 60.0)
+    monkeypatch.setattr(module, "_MOST_OF_USER", 2)
+    monkeypatch.setattr(module, "_MOST", 3)
+    waiting = []
+
+    def wait(user):
+        ASKED_BY.set(user)
+        waiting.append(desk.run(add, 1))
+
+    with desk._helper("ann"):
+        threads = [threading.Thread(target=wait, args=(user,)) for user in ("ann", "bob")]
+        for thread in threads:
+            thread.start()
+        wait_until(lambda: desk._asked == {"ann": 2, "bob": 1})
+        for user in ("ann", "carl"):  # the one has too much work, then all together
+            with pytest.raises(Busy, match="too much work"), desk._helper(user):
+                pass
+    for thread in threads:
+        thread.join(60)
+    assert waiting == [2, 2]
+
+
+def test_memory_limit(desk, monkeypatch):
+    process, _ = desk.run(where)
+    monkeypatch.setattr(desk, "_megabytes", 1)
+    with pytest.raises(TooMuchWork, match="more than the 1 MB of memory"):
+        desk.run(sleep, 60)
+    monkeypatch.undo()
+    assert desk.run(where)[0] != process
+
+
+def test_a_helper_that_has_died_without_work_is_replaced(desk):
+    process, _ = desk.run(where)
+    os.kill(process, signal.SIGKILL)
+    wait_until(lambda: not desk._idle[-1]._process.is_alive())
+    assert desk.run(add, 1) == 2
+
+
+@pytest.mark.skipif(not Path("/proc/self/oom_score_adj").exists(), reason="Linux alone has it")
+def test_helpers_die_before_the_service(desk):
+    assert desk.run(oom_score) == "500\n"
 
 
 def is_there(process):
@@ -110,7 +171,7 @@ def is_there(process):
 
 
 def test_close_ends_work_and_processes(tmp_path):
-    desk = Desk(1, 60.0, (), tmp_path)
+    desk = Desk(1, 60.0, 2000, (), tmp_path)
     process, _ = desk.run(where)
     failed = []
 
@@ -122,9 +183,9 @@ def test_close_ends_work_and_processes(tmp_path):
 
     thread = threading.Thread(target=work)
     thread.start()
-    wait_until(desk._idle.empty)
+    wait_until(lambda: not desk._idle)
     desk.close()
     thread.join(60)
     assert failed
     wait_until(lambda: not is_there(process))
-    assert desk._idle.empty()
+    assert not desk._idle

@@ -1,5 +1,6 @@
 """Parts of pages are computed once for all who look."""
 
+import contextvars
 import threading
 from collections import deque
 from types import SimpleNamespace
@@ -7,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.serve.desk.desk import Busy
+from mercator_design.serve.desk.desk import ASKED_BY, Busy
 from mercator_design.serve.desk.races import Part
 from mercator_design.serve.web.kept import Kept
 
@@ -91,6 +92,21 @@ def test_helpers_are_left_to_other_work(place, tmp_path):
     place.kept.get(asks_for_another, place.folder)
     assert inside == [(None, False)]
     assert place.kept.get(part, other) == (Part("other 0", None), True)
+
+
+def test_users_do_not_keep_one_another_waiting(place, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "journal.jsonl").touch()
+    inside = []
+
+    def asked_by_another(folder):
+        ASKED_BY.set("bob")
+        inside.append(place.kept.get(part, other))
+        return part(folder)
+
+    contextvars.copy_context().run(place.kept.get, asked_by_another, place.folder)
+    assert inside == [(Part("other 0", None), True)]
 
 
 def test_nobody_waits_for_a_computation(place):

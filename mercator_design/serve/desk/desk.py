@@ -1,36 +1,50 @@
-"""Helper processes for short work: each computes one function at a time, within a time limit."""
+"""Helper processes for short work: each computes one function at a time, within limits of time and memory.
+
+One user cannot keep all helpers, nor all threads of the service that wait for them, from other users.
+"""
 
 import contextlib
 import multiprocessing
 import os
-import queue
 import signal
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 from mercator_design.errors import MercatorError, described
 from mercator_design.serve.settings import ServiceError
+from mercator_design.system.shortage import die_first
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+ASKED_BY: ContextVar[str] = ContextVar("asked_by", default="")
+"""The name of the user who asks for work; whoever answers a request sets it."""
+_MOST, _MOST_OF_USER = 30, 12
+"""Pieces of work at a time, with those that wait: of all, and of a user. Each keeps one of the 40 threads that answer
+requests, and the others answer what needs no helper."""
 _PATIENCE = 20.0
 """Seconds that work waits for a helper."""
 _NICE = 5
 """Helpers leave the processor to the service, and take it from races."""
+_LOOK = 0.25
+"""Seconds between two looks at the memory of a helper at work."""
+_MB = 1_000_000
 _START = 60.0
 """Additional seconds for the first work of a helper, which loads modules and kernels."""
 
 
 class Busy(ServiceError):  # noqa: N818 - nothing is wrong
-    """All helpers are at work; try again later."""
+    """All helpers that the user may have are at work; try again later."""
 
 
-class TimeLimit(ServiceError):  # noqa: N818 - as Busy
-    """The work took longer than allowed."""
+class TooMuchWork(ServiceError):  # noqa: N818 - as Busy
+    """The work took longer, or more memory, than allowed."""
 
 
 class Desk:
@@ -39,61 +53,88 @@ class Desk:
     Args:
         helpers: Number of processes.
         seconds: Time limit of a piece of work.
+        megabytes: Memory of a helper.
         plugins: Python files with objectives and dynamics, which the helpers load.
         folder: An empty folder, in which the helpers work.
     """
 
-    def __init__(self, helpers: int, seconds: float, plugins: Sequence[str], folder: Path) -> None:
-        self._seconds, self._plugins, self._folder = seconds, tuple(plugins), folder
-        self._idle: queue.LifoQueue[_Helper] = queue.LifoQueue()
-        self._all: set[_Helper] = set()
-        self._lock = threading.Lock()
+    def __init__(self, helpers: int, seconds: float, megabytes: int, plugins: Sequence[str], folder: Path) -> None:
+        self._seconds, self._megabytes = seconds, megabytes
+        self._plugins, self._folder = tuple(plugins), folder
+        self._most_of_user = max(1, helpers - 1)  # helpers; one is left to others
+        self._asked, self._at_work = Counter[str](), Counter[str]()  # pieces of work of users; those that do not wait
+        self._changed = threading.Condition()
         self._is_closed = False
+        self._all: set[_Helper] = set()
+        self._idle: list[_Helper] = []
         for _ in range(helpers):
             self._add()
 
     def run(self, function: Callable[P, R], /, *arguments: P.args, **given: P.kwargs) -> R:
-        """The result of a function of a module, computed by a helper.
+        """The result of a function of a module, computed by a helper for the user of ASKED_BY.
 
         Raises:
             MercatorError: What the function raises.
-            Busy: All helpers are at work.
-            TimeLimit: The function took too long; its helper was killed.
+            Busy: All helpers are at work, or as many as a user may have.
+            TooMuchWork: The function took too long or too much memory; its helper was killed.
             ServiceError: The helper died.
         """
-        try:
-            helper = self._idle.get(timeout=_PATIENCE)
-        except queue.Empty:
-            raise Busy("the service is busy with other work: try again in a moment") from None
-        is_well = False
-        try:
-            result, error = helper.work(function, arguments, given, self._seconds)
-            is_well = True
-        finally:
-            if is_well:
-                self._idle.put(helper)
-            else:
-                helper.kill()
-                with self._lock:
-                    self._all.discard(helper)
-                self._add()
+        with self._helper(ASKED_BY.get()) as helper:
+            result, error = helper.work(function, arguments, given, self._seconds, self._megabytes)
         if error is not None:
             raise error
         return cast("R", result)
 
     def close(self) -> None:
         """End the helpers."""
-        self._is_closed = True
-        with self._lock:
+        with self._changed:
+            self._is_closed = True
             for helper in self._all:
                 helper.kill()
 
+    @contextlib.contextmanager
+    def _helper(self, user: str) -> "Iterator[_Helper]":
+        """A helper for a piece of work of a user; if that goes wrong, another one takes its place."""
+        with self._changed:
+            if self._asked[user] >= _MOST_OF_USER or self._asked.total() >= _MOST:
+                raise Busy("the service is busy with too much work at a time: try again in a moment")
+            self._asked[user] += 1
+            if not self._changed.wait_for(lambda: self._may_begin(user), _PATIENCE):
+                self._less(self._asked, user)
+                raise Busy("the service is busy with other work: try again in a moment")
+            self._at_work[user] += 1
+            helper = self._idle.pop()
+        is_well = False
+        try:
+            yield helper
+            is_well = True
+        finally:
+            if not is_well:
+                helper.kill()
+            with self._changed:
+                self._less(self._asked, user)
+                self._less(self._at_work, user)
+                if is_well:
+                    self._idle.append(helper)
+                else:
+                    self._all.discard(helper)
+                    self._add()
+                self._changed.notify_all()
+
+    def _may_begin(self, user: str) -> bool:
+        return bool(self._idle) and self._at_work[user] < self._most_of_user
+
+    @staticmethod
+    def _less(counts: Counter[str], user: str) -> None:
+        counts[user] -= 1
+        if not counts[user]:
+            del counts[user]
+
     def _add(self) -> None:
-        with self._lock:
-            if not self._is_closed:
-                helper = _Helper(self._plugins, self._folder)
-                self._all.add(helper)
-                self._idle.put(helper)
+        if not self._is_closed:
+            helper = _Helper(self._plugins, self._folder)
+            self._all.add(helper)
+            self._idle.append(helper)
 
 
 class _Helper:
@@ -105,25 +146,36 @@ class _Helper:
         self._connection: Connection | None = None
 
     def work(
-        self, function: Callable[..., object], arguments: object, given: object, seconds: float
+        self, function: Callable[..., object], arguments: object, given: object, seconds: float, megabytes: int
     ) -> tuple[object, Exception | None]:
         """The result of a function, or the exception that it has raised."""
-        if self._process is None or self._connection is None:
-            context = multiprocessing.get_context("spawn")
-            self._connection, theirs = context.Pipe()
-            arguments_of_process = (theirs, self._plugins, str(self._folder))
-            self._process = context.Process(target=_serve, args=arguments_of_process, name="helper", daemon=True)
-            self._process.start()
-            theirs.close()
-            seconds += _START
+        allowed = seconds
+        if self._process is None or self._connection is None or not self._process.is_alive():
+            self._start()
+            allowed += _START
+        assert self._process is not None  # noqa: S101 - just started
+        assert self._connection is not None  # noqa: S101
+        end = time.monotonic() + allowed
         try:
             self._connection.send((function, arguments, given))
-            if not self._connection.poll(seconds):
-                raise TimeLimit(f"this took longer than the {seconds:g} s that the service allows")
+            while not self._connection.poll(max(0.0, min(_LOOK, end - time.monotonic()))):
+                if time.monotonic() >= end:
+                    raise TooMuchWork(f"this took longer than the {seconds:g} s that the service allows")
+                if _memory_of(self._process.pid) > megabytes * _MB:
+                    raise TooMuchWork(f"this took more than the {megabytes} MB of memory that the service allows")
             result, error = self._connection.recv()
         except (EOFError, OSError) as lost:
             raise ServiceError(f"the process that worked on this has died: {described(lost)}") from None
         return result, error
+
+    def _start(self) -> None:
+        self.kill()  # one that was killed while it had no work
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        arguments = (theirs, self._plugins, str(self._folder))
+        self._process = context.Process(target=_serve, args=arguments, name="helper", daemon=True)
+        self._process.start()
+        theirs.close()
 
     def kill(self) -> None:
         if self._process is not None:
@@ -131,6 +183,15 @@ class _Helper:
             self._process.join()
         if self._connection is not None:
             self._connection.close()
+
+
+def _memory_of(process: int | None) -> int:
+    """The bytes of memory that a process uses; 0 if the system does not say it."""
+    try:
+        pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
+    except (OSError, IndexError):
+        return 0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
@@ -141,6 +202,7 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_service, daemon=True).start()
     os.nice(_NICE)
+    die_first()
     os.chdir(folder)
     for file in plugins:
         run_plugin(read_plugin(Path(file)), file)

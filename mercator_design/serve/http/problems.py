@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from mercator_design.errors import MercatorError, printable
-from mercator_design.serve.desk.desk import Busy, TimeLimit
+from mercator_design.serve.desk.desk import Busy, TooMuchWork
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.settings import ServiceError
 
@@ -43,7 +43,7 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
     NotPossible: (409, "Not possible now"),
     LimitReached: (429, "Limit reached"),
     Busy: (503, "Busy"),
-    TimeLimit: (422, "Too much work"),
+    TooMuchWork: (422, "Too much work"),
     ServiceError: (500, "Internal error"),
     MercatorError: (422, "Not valid"),
 }

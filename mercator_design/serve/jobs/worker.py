@@ -10,6 +10,8 @@ import sys
 import threading
 import time
 
+from mercator_design.system.shortage import die_first
+
 _NICE = 10
 """Races leave the processor to the service, which answers at once."""
 _GRACE = 60.0
@@ -29,6 +31,7 @@ def main() -> None:
     threading.Thread(target=_stop_with_service, daemon=True).start()
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     os.nice(_NICE)
+    die_first()
     from mercator_design.cli import main as mdesign
 
     sys.argv[0] = "mdesign"

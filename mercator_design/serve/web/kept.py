@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from mercator_design.errors import MercatorError
 from mercator_design.race.running.journal import is_locked
 from mercator_design.runs.files import JOURNAL
 from mercator_design.runs.provenance import PROVENANCE
-from mercator_design.serve.desk.desk import Busy, Desk
+from mercator_design.serve.desk.desk import ASKED_BY, Busy, Desk
 from mercator_design.serve.desk.races import Part
 from mercator_design.serve.jobs.races import length_of
 
@@ -48,7 +48,7 @@ class Kept:
 
     Args:
         desk: Computes them.
-        helpers: Number of its helpers; half of them are left to other work.
+        helpers: Number of its helpers; a user has at most half of them at a time.
         clock: Seconds that have passed since some time.
     """
 
@@ -56,7 +56,7 @@ class Kept:
         self._desk, self._clock = desk, clock
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         self._lock = threading.Lock()
-        self._places = threading.BoundedSemaphore(max(1, helpers // 2))
+        self._most, self._at_work = max(1, helpers // 2), Counter[str]()  # computations of a user at a time
 
     def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
         """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
@@ -76,7 +76,8 @@ class Kept:
             return entry.part, is_same
         if not entry.lock.acquire(blocking=False):
             return entry.part, False
-        if not self._places.acquire(blocking=False):
+        user = ASKED_BY.get()
+        if not self._begin(user):
             entry.lock.release()
             return entry.part, False
         try:
@@ -94,8 +95,17 @@ class Kept:
                 raise entry.problem
             return entry.part, True
         finally:
-            self._places.release()
+            with self._lock:
+                self._at_work[user] -= 1
             entry.lock.release()
+
+    def _begin(self, user: str) -> bool:
+        """Whether a user may have one more computation, which begins then."""
+        with self._lock:
+            if self._at_work[user] >= self._most:
+                return False
+            self._at_work[user] += 1
+            return True
 
     def _entry(self, key: tuple[str, str]) -> _Entry:
         with self._lock:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 from mercator_design.api import fresh_instances
 from mercator_design.designer import TEST_SEED
 from mercator_design.serve.designs import Design
-from mercator_design.serve.desk.desk import TimeLimit
+from mercator_design.serve.desk.desk import TooMuchWork
 from mercator_design.serve.desk.machines import Machines, checked, new_design, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser
@@ -110,7 +110,7 @@ def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswe
     seeds, scores = fresh_instances(TEST_SEED, _RUNS), tuple[float, ...]()
     try:
         scores = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds).scores
-    except TimeLimit:  # one experiment takes too long: the score is not known
+    except TooMuchWork:  # one experiment is too much: the score is not known
         scores = ()
     design = Design(
         id="-", owner=user.name, name=body.name, mission=new.mission_name, direction=new.direction, scores=scores,

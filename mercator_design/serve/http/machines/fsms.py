@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
 from mercator_design.api import fresh_instances
-from mercator_design.serve.desk.desk import TimeLimit
+from mercator_design.serve.desk.desk import TooMuchWork
 from mercator_design.serve.desk.machines import Machines, best_of, checked, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
@@ -60,7 +60,7 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
         part = await run_in_threadpool(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
         scores, spent = [*scores, *part.scores], spent + part.seconds
         if (expected := spent * total / len(scores)) > _WHOLE * seconds:
-            raise TimeLimit(
+            raise TooMuchWork(
                 f"{total} experiments would take about {expected:.0f} s; the service allows {_WHOLE * seconds:.0f} s: "
                 "ask for fewer runs"
             )

@@ -121,6 +121,9 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     while "x-again" in parts.headers:
         parts = ann.get(f"/jobs/{job}/race")
     assert "The winner" in parts.text
+    assert "What matters on" in parts.text
+    assert "not a run folder" not in parts.text
+    assert '/files/fsm.txt" download="fsm.txt"' in ann.get(f"/jobs/{job}/now").text
     assert "<svg" in parts.text
     assert str(quiet.service.data) not in parts.text
     have = re.search('data-have="([^"]+)"', parts.text)[1]

@@ -162,7 +162,7 @@ HELD = """(() => {
 class TestBrowser:
     def test_a_mission_is_chosen_written_and_submitted(self, opened, address, service):
         page = opened(SHORT)
-        assert page.evaluate("document.getElementById('kept').textContent") == "Your text of before is back."
+        assert page.evaluate("document.getElementById('kept').textContent") == "Your earlier text was restored."
         assert lines(page)[1] == "name: short"
         picture = page.evaluate(PICTURE)
 

@@ -173,7 +173,7 @@ def test_a_process_that_ends_without_a_word_has_failed(house):
     job = house.submit()
     house.tick()
     house.end(job, 0)
-    assert (house.state(job), house.row(job).message) == ("failed", "its process ended with 0")
+    assert (house.state(job), house.row(job).message) == ("failed", "its process ended with code 0")
 
 
 def test_three_deaths_without_progress(house):

@@ -42,7 +42,7 @@ def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
         return fresh, f"mean of {len(fresh.values)} runs on fresh instances"
     assert facts.best is not None  # noqa: S101 - `answer` has checked
     own = Scores(tuple(facts.scores[facts.best].values()))
-    return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is rather too good"
+    return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is optimistic"
 
 
 def _score(facts: Facts, proof: Proof | None) -> Html:

@@ -59,7 +59,7 @@ def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
         lines.append(Line("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
-        "that it had seen by then. It was chosen on them, so the mean is rather too good while it has seen few. "
+        "that it had seen by then. It was chosen on them, so the mean is optimistic while it has seen few. "
         f"Intervals of fewer than {FEW} scores are cut off."
     )
     chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))

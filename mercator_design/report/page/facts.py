@@ -36,6 +36,7 @@ MAX_ELITES = 8
 class Facts:
     """The journal and the files of a run folder.
 
+    named: The folder, as the commands on the page name it.
     reading: The journal.
     provenance: None if it is missing or damaged.
     task: None if this program cannot restore it.
@@ -43,6 +44,7 @@ class Facts:
     """
 
     folder: Path
+    named: Path
     reading: Reading
     provenance: Provenance | None
     task: Task[Any] | None
@@ -80,6 +82,7 @@ class Facts:
             TASKS[str(record.start["task"])].check(record.start, list(record.configurations.values()))
         return cls(
             folder=folder,
+            named=folder,
             reading=reading,
             provenance=provenance,
             task=task,
@@ -160,4 +163,4 @@ class Facts:
 
     def command(self, *verb: str) -> str:
         """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""
-        return shlex.join(["mdesign", *(verb or ["report"]), str(self.folder)])
+        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named)])

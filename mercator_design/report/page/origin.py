@@ -36,7 +36,7 @@ def origin(facts: Facts) -> Html:
         for name in ("mission_digest", "robot_model_digest", "kernels", "space_digest", "instances_digest")
     ]
     shown.append(("digest of the race", record.digest()))
-    again = TASKS[str(facts.start["task"])].command(facts.start, facts.folder)
+    again = TASKS[str(facts.start["task"])].command(facts.start, facts.named)
     return section(
         "origin",
         "Where it comes from",

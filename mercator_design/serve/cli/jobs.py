@@ -19,7 +19,9 @@ _DISPENSABLE = ("submitted", "owner", "mission", "message")
 
 
 @click.group(invoke_without_command=True, epilog=EPILOG)
-@click.option("--state", "states", type=click.Choice(STATES), multiple=True, help="Only in it. May be repeated.")
+@click.option(
+    "--state", "states", type=click.Choice(STATES), multiple=True, help="Only jobs in this state. May be repeated."
+)
 @click.option("--owner", default="", help="Only of this user.")
 @click.option("--text", default="", help="Only with this text in the name of the job or mission.")
 @JSON

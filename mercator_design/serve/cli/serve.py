@@ -23,21 +23,21 @@ from mercator_design.serve.settings import load_settings
     type=FOLDER,
     default=Path("runs"),
     show_default=True,
-    help="Folder of the run folders; what is there already is shown.",
+    help="Data folder. It has a run folder for each job; run folders that are there already are shown.",
 )
 @click.option("--certificate", type=FILE, metavar="FILE", help="Certificate for TLS (PEM), with its chain.")
 @click.option("--key", type=FILE, metavar="FILE", help="Key of the certificate (PEM).")
 @click.option(
     "--behind-proxy",
     is_flag=True,
-    help="A proxy with TLS is before the service: believe its X-Forwarded headers. See hosts, proxies in serve.yaml.",
+    help="The service is behind a proxy with TLS: trust its X-Forwarded headers. See hosts, proxies in serve.yaml.",
 )
 def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path | None, *, behind_proxy: bool) -> None:
     """Run the design service: a page and an HTTP API for submitting, following and keeping designs.
 
-    Without users (mdesign users), only this machine may use it. For others, it needs users and TLS: a certificate, or a
-    proxy. Limits and workers are set in serve.yaml in the data folder. Ctrl-C stops the service; its jobs go on when it
-    is started again.
+    Without users (mdesign users), only this machine may use it. To open it to other machines, add users, and use TLS: a
+    certificate, or a proxy. Limits and workers are set in serve.yaml in the data folder. Ctrl-C stops the service; its
+    jobs go on when it is started again.
     """
     if (certificate is None) != (key is None):
         raise click.UsageError("expected both --certificate and --key, found one of them")
@@ -58,4 +58,9 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
         scheme = "https" if entrance.has_tls else "http"
         print_message(f"Serving {data} at {scheme}://{address}:{listener.getsockname()[1]}/ (Ctrl-C stops)")
         app = guarded(service, entrance)
-        run(app, listener, certificate=certificate, key=key, at_end=service.accounts.end_streams)
+
+        def stop() -> None:
+            print_message("Stopping; the jobs go on when the service is started again")
+            service.accounts.end_streams()
+
+        run(app, listener, certificate=certificate, key=key, at_end=stop)

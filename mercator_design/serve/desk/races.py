@@ -80,4 +80,4 @@ def best_replays(folder: Path) -> Part:
 
 def _facts(folder: Path) -> Facts:
     """The facts of a run folder, whose commands name it as users know it."""
-    return replace(Facts.read(folder), folder=Path(folder.name))
+    return replace(Facts.read(folder), named=Path(folder.name))

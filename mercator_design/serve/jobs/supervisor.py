@@ -304,7 +304,7 @@ class Supervisor:
         elif code < 0 and not failure:
             self._deaths[identity] = deaths
         row = self.refresh(identity)
-        _log.info("job %s: its process ended with %d; %s", identity, code, row.state if row else "gone")
+        _log.info("job %s: %s (its process ended with code %d)", identity, row.state if row else "gone", code)
 
     def _deaths_of(self, run: _Run) -> tuple[int, int]:
         """The deaths of a job's processes without progress, with the last one, and the experiments at that time."""
@@ -330,7 +330,7 @@ class Supervisor:
             return f"its process was killed {deaths} times, by signal {-code}" if deaths >= _MAX_DEATHS else ""
         if code == 0 and run.budget < run.job.request.budget and run.status.is_finished(run.budget):
             return ""  # the budget was extended while it ran
-        return self._error(run) or f"its process ended with {code}"
+        return self._error(run) or f"its process ended with code {code}"
 
     def _error(self, run: _Run) -> str:
         return last_error(self._store.folder(run.job.id) / OUTPUT)

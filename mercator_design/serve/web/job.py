@@ -12,6 +12,7 @@ from mercator_design.report.page.markup import Html, facts_list, folded, section
 from mercator_design.report.page.page import REPORT
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.accounts.users import LOCAL, User
+from mercator_design.serve.designs import FSM
 from mercator_design.serve.desk.races import about_part, best_replays, race_part
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
@@ -43,7 +44,7 @@ router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 _SECONDS = 15  # between two refreshes without an event
 _STALE = {"X-Again": "1"}
 """The header of a part that will be newer soon: the page asks again."""
-_FIRST = ("fsm.txt", "report.html", "results.csv", "journal.jsonl", "mission.yaml")
+_FIRST = (FSM, "report.html", "results.csv", "journal.jsonl", "mission.yaml")
 """Files that most users look for."""
 
 
@@ -60,14 +61,14 @@ def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
     at = escaped(api_address(row))
     race = f'<div id="race" data-live="{address(row, "/race")}"><p class="faint">Reading the race …</p></div>'
     replay = section(
-        "replay", "At work",
+        "replay", "Replay",
         '<p><button type="button" id="watch">Replay the best so far</button> <span id="shown" class="faint"></span></p>'
         '<div class="tabs" id="runs" role="group" aria-label="Runs"></div><div id="stage"></div>',
     )  # fmt: skip
     about = f'<div id="about" data-live="{address(row, "/about")}"></div>'
     body = (
         f'<div id="job" data-id="{escaped(row.id)}" data-api="{at}">{_now(service, user, row)}'
-        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{race}{replay}'
+        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{replay}{race}'
         f'<div id="files" data-live="{address(row, "/files")}">{_files(service, row)}</div>{about}'
         f"{_messages(service, row) if may_change(user, row) else ''}</div>"
     )
@@ -164,11 +165,19 @@ def _now(service: Service, user: User, row: Row) -> Html:
     words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
     actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
     again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
-    key, links = quote(row.id, safe=""), ""
+    key, links = quote(row.id, safe=""), _design(service, row)
     if row.best is not None and row.flavour:
-        links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
+        links += f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
     return Html(f'<div {live}>{words}<div class="actions">{actions}{again}{links}</div>{facts_list(what)}</div>')
+
+
+def _design(service: Service, row: Row) -> str:
+    """The link that downloads the winner."""
+    if FSM not in files_of(service.store.run_folder(row.id)):
+        return ""
+    to = api_address(row, f"/files/{FSM}")
+    return f'<a class="button main" href="{to}" download="{FSM}">Download {FSM}</a>'
 
 
 def _advice(row: Row) -> str:
@@ -184,8 +193,13 @@ def _advice(row: Row) -> str:
 
 
 def _without_race(row: Row) -> str:
-    if row.state in ("queued", "running"):
-        return '<p class="faint">The race has not begun yet; what it does will appear here.</p>'
+    if row.state == "queued":
+        return '<p class="faint">The race has not begun yet: it waits for other jobs. It will appear here.</p>'
+    if row.state == "running":
+        return (
+            '<p class="faint">The race has not begun yet: its process starts. On a new machine, the first one compiles '
+            "the simulator, which takes about a minute. It will appear here.</p>"
+        )
     return '<p class="faint">The race has not begun.</p>'
 
 
@@ -209,10 +223,10 @@ def _changes(user: User, row: Row) -> Html:
         else ""
     )
     fields = (
-        f'<label>Budget (larger)<input type="number" name="budget" min="{row.budget + 1}" step="1" '
+        f'<label>New budget (experiments)<input type="number" name="budget" min="{row.budget + 1}" step="1" '
         f'placeholder="{row.budget}" inputmode="numeric"></label>'
         f'<label>Priority among your jobs<input type="number" name="priority" min="-100" max="100" '
-        f'value="{row.priority}"></label>{shared}<p><button>Change</button></p>'
+        f'value="{row.priority}"></label>{shared}<div><button>Change</button></div>'
     )
     form = f'<form class="fields" id="change">{fields}</form>'
     return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)

@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse
 from mercator_design.config import shipped
 from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
 from mercator_design.report.page.markup import Html
-from mercator_design.serve.accounts.users import User
+from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser
 from mercator_design.serve.jobs.index import Row
@@ -20,6 +20,7 @@ router = APIRouter(include_in_schema=False)
 
 SCRIPTS = ("viewer.js", "results.js")
 STYLES = ("viewer.css", "fsm.css")
+_FIRST = "mission:aggregation"
 _MOST = 200
 """Jobs and designs that a list offers, the newest first."""
 
@@ -28,11 +29,13 @@ _MOST = 200
 def editor(service: TheService, user: TheUser) -> HTMLResponse:
     """Draw an FSM: `?job=ID` starts from its winner, `?design=ID` from a design."""
     flavours = options((one, one) for one in FLAVOURS)
+    share = '<label class="check"><input id="shared" type="checkbox"> Share it with all users</label>'
+    share = "" if user.name == LOCAL.name else share
     rivals = Html(f'<option value="">nothing</option>{designs(service, user)}')
     return page(
         "FSM editor",
-        f"""<form class="fields" id="setting">
-<div><label for="mission">Mission</label><select id="mission">{missions(service, user)}</select></div>
+        f"""<form class="fields" id="setting" data-user="{escaped(user.name)}">
+<div><label for="mission">Mission</label><select id="mission">{missions(service, user, _FIRST)}</select></div>
 <div><label for="flavour">Flavour</label><select id="flavour">{flavours}</select></div>
 <div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>
 <div><label for="start">Start from</label><select id="start"></select></div>
@@ -56,7 +59,7 @@ max="{service.settings.limits.runs}" value="20"></div>
 <button class="main" id="run">Run</button><span id="progress" class="faint" role="status"></span>
 </form>
 <div id="results"></div>
-<section><h2>Text and words</h2>
+<section><h2>As text and in words</h2>
 <label for="text">fsm.txt: to copy, or to paste another FSM (also an fsm.yaml)</label>
 <textarea id="text" rows="3" spellcheck="false" autocapitalize="off"></textarea>
 <div class="actions"><button type="button" id="use-text">Use this text</button>
@@ -64,7 +67,7 @@ max="{service.settings.limits.runs}" value="20"></div>
 <pre id="words"></pre></section>
 <section><h2>Save this design</h2><form id="saving" class="actions run">
 <div><label for="name">Name</label><input id="name" maxlength="100" required autocomplete="off"></div>
-<label class="check"><input id="shared" type="checkbox" checked> Share it with all users</label>
+{share}
 <button>Save</button><span id="saved" role="status"></span></form></section>
 <noscript><p class="problem">This page needs JavaScript.</p></noscript>""",  # noqa: S608 - no SQL
         user=user,
@@ -74,17 +77,22 @@ max="{service.settings.limits.runs}" value="20"></div>
     )
 
 
-def options(of: Iterable[tuple[str, str]]) -> Html:
+def options(of: Iterable[tuple[str, str]], chosen: str = "") -> Html:
     """The options of a list: value and text."""
-    return Html("".join(f'<option value="{escaped(value)}">{escaped(text)}</option>' for value, text in of))
+    return Html(
+        "".join(
+            f'<option value="{escaped(value)}"{" selected" * (value == chosen)}>{escaped(text)}</option>'
+            for value, text in of
+        )
+    )
 
 
-def missions(service: Service, user: User) -> Html:
+def missions(service: Service, user: User, chosen: str = "") -> Html:
     """Options: the missions that a user may use, as `kind:name`."""
     own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in _jobs(service, user)]
     saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in _designs(service, user)]
     return Html(
-        _group("Shipped missions", [(f"mission:{name}", name) for name in shipped.missions()])
+        _group("Shipped missions", [(f"mission:{name}", name) for name in shipped.missions()], chosen)
         + _group("Missions of jobs", own)
         + _group("Missions of designs", saved)
     )
@@ -101,8 +109,8 @@ def designs(service: Service, user: User) -> Html:
     return Html(_group("Jobs", jobs) + _group("Designs", saved))
 
 
-def _group(name: str, of: list[tuple[str, str]]) -> str:
-    return f'<optgroup label="{name}">{options(of)}</optgroup>' if of else ""
+def _group(name: str, of: list[tuple[str, str]], chosen: str = "") -> str:
+    return f'<optgroup label="{name}">{options(of, chosen)}</optgroup>' if of else ""
 
 
 def _jobs(service: Service, user: User) -> list[Row]:

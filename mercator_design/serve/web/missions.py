@@ -109,7 +109,7 @@ def _editor(text: str) -> Html:
         '<label id="text-label" for="text">Mission (YAML)</label>'
         f'<div id="editor"></div><textarea id="text" rows="30" spellcheck="false">\n{escape(text)}</textarea>'
         f'<p id="keys" class="faint">{escaped(_KEYS)}</p>'
-        '<div class="actions"><button type="button" id="back" disabled>Back to the text at the start</button>'
+        '<div class="actions"><button type="button" id="back" disabled>Discard my changes</button>'
         '<span id="kept" class="faint" role="status"></span></div>'
         '<p id="summary" class="summary" role="status">Reading …</p><ol id="findings" class="findings"></ol></section>'
         '<section class="show" aria-label="Picture and facts">'
@@ -124,18 +124,20 @@ def _settings(limit: int, request: Request) -> Html:
         for name, budget in _BUDGETS.items()
         if budget <= limit
     )
+    budget = _number("budget", "Budget: maximum number of experiments", request.budget, 1, limit)
     fields = (
-        _number("budget", "Budget: experiments at most", request.budget, 1, limit),
         _choice("method", "Method", _METHODS, request.method),
         _choice("flavour", "Flavour of modules", _FLAVOURS, request.flavour),
         _number("seed", "Seed", request.seed, 0, 2**53 - 1),
-        _number("test_runs", "Tests of the winner on fresh instances", request.test_runs, 0, 10**6),
-        _number("priority", "Priority among your jobs; a higher one runs first", request.priority, -100, 100),
+        _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, 10**6),
+        _number("priority", "Priority among your jobs", request.priority, -100, 100),
     )
     return Html(
-        f'<section id="race"><h2>Race</h2><div class="fields">{"".join(fields)}</div>'
-        f'<div class="actions" role="group" aria-label="Usual budgets">{presets}</div>'
-        '<p id="estimate" role="status">Estimating …</p>'
+        f'<section id="race"><h2>Race</h2><div class="budget">{budget}'
+        f'<div class="presets" role="group" aria-label="Usual budgets">{presets}</div></div>'
+        f'<div class="fields">{"".join(fields)}</div>'
+        '<p id="estimate" role="status">Estimating the time … On a new machine this takes a minute, because the '
+        "simulator is compiled. You need not wait for it.</p>"
         '<p id="told" class="problem" role="alert" tabindex="-1"></p>'
         '<div class="actions"><button id="submit" class="main">Submit the job</button></div></section>'
     )

@@ -3,7 +3,7 @@
 (() => {
   const { api, make } = Mercator;
   const at = (id) => document.getElementById(id);
-  const KEPT = "mercator.fsm"; // in the browser's storage
+  const KEPT = `mercator.fsm.${at("setting").dataset.user}`; // in the browser's storage
   const MOST = { history: 100 };
 
   let modules = null; // of the flavour
@@ -406,7 +406,7 @@
   async function loadModules(flavour) {
     modules = await api("GET", `/modules?flavour=${encodeURIComponent(flavour)}`);
     const alone = modules.behaviours.map((one) => make("option", { value: `alone:${one.name}` }, `${one.name} alone`));
-    const words = { "": "choose …", empty: "an empty page", rival: "what I compare with" };
+    const words = { "": "choose …", empty: "an empty diagram", rival: "the FSM to compare with" };
     at("start").replaceChildren(...Object.entries(words).map(([value, text]) => make("option", { value }, text)), ...alone);
   }
 
@@ -486,7 +486,7 @@
     at("saved").textContent = "Saving …";
     try {
       const design = await api("POST", "/designs", {
-        name: at("name").value.trim(), shared: at("shared").checked, mission: mission(), fsm: { fsm: structure() },
+        name: at("name").value.trim(), shared: at("shared")?.checked ?? false, mission: mission(), fsm: { fsm: structure() },
       });
       at("saved").replaceChildren("Saved: ", make("a", { href: `/gallery#${design.id}` }, "see it in the gallery"));
     } catch (error) {

@@ -68,12 +68,13 @@
     Live.tell("Changed.", false);
   });
 
-  // ---- The best at work ----
+  // ---- The replay of the best ----
   const watch = document.getElementById("watch");
   const shown = document.getElementById("shown");
   let showing = null; // the number of the configuration
   const named = () => {
     const { best } = document.getElementById("race").dataset;
+    document.getElementById("replay").hidden = !best && showing === null;
     const isEnded = now().dataset.state === "succeeded";
     watch.hidden = !best || best === showing;
     watch.textContent = showing === null ? (isEnded ? "Replay the winner" : "Replay the best so far") : "Replay the new best";

@@ -168,6 +168,7 @@
       }
     });
   function check() {
+    tell("told", "");
     checking.ask({ ...given(), flavour: at("flavour").value });
   }
   function tell(name, text, kind = "") {
@@ -268,9 +269,9 @@
     const milliseconds = Number((1000 * cost.experiment).toPrecision(2));
     const before = wait.running + wait.queued
       ? `Before it: ${wait.running} running, ${wait.queued} waiting; ${wait.seconds ? `it begins in about ${time(wait.seconds)}` : "it begins at once"}.`
-      : "Nothing is before it.";
-    return `About ${low} to ${high} on ${cores} ${cores === 1 ? "core" : "cores"} that are free, ${less} to ${more} of computing: ` +
-      `an experiment takes ${milliseconds} ms (${cost.timed} timed). ${before}`;
+      : "No job is before it.";
+    return `About ${low} to ${high} if ${cores === 1 ? "1 core is" : `${cores} cores are`} free. Computing time: ${less} to ${more}; ` +
+      `an experiment takes ${milliseconds} ms (measured on ${cost.timed}). ${before}`;
   }
   function request() {
     const numbers = ["budget", "seed", "test_runs", "priority"];
@@ -301,7 +302,7 @@
     }
     isSending = true;
     at("submit").setAttribute("aria-disabled", "true");
-    tell("told", "", "problem");
+    tell("told", "");
     try {
       const body = request();
       const { job } = await api("POST", "/jobs", body, { "Idempotency-Key": keyOf(body) });
@@ -326,16 +327,16 @@
     const field = fields.find((one) => one.name === name);
     if (field) field.value = value;
   }
-  for (const field of fields) field.addEventListener("input", () => { keep(); if (field.name === "flavour") check(); else estimate(); });
+  for (const field of fields) field.addEventListener("input", () => { keep(); tell("told", ""); if (field.name === "flavour") check(); else estimate(); });
   for (const button of form.querySelectorAll("[data-budget]")) {
     button.addEventListener("click", () => { at("budget").value = button.dataset.budget; keep(); estimate(); });
   }
   at("back").addEventListener("click", () => {
     replace(initial);
-    at("kept").textContent = "This is the text at the start; undo brings yours back.";
+    at("kept").textContent = "This is the original text; undo brings yours back.";
     view.focus();
   });
-  if (mission() !== initial) at("kept").textContent = "Your text of before is back.";
+  if (mission() !== initial) at("kept").textContent = "Your earlier text was restored.";
   keep();
   check();
 })();

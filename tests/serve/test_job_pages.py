@@ -112,6 +112,7 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     assert 'class="state state-queued"' in text
     assert f'href="/new?from={job}"' in text
     assert "The race has not begun yet" in ann.get(f"/jobs/{job}/race").text
+    assert "waits until other jobs have ended" in text
     quiet.race(job, lines=70)
     part = ann.get(f"/jobs/{job}/race")
     assert "The best so far" in part.text or "No winner yet" in part.text

@@ -165,11 +165,12 @@ def _now(service: Service, user: User, row: Row) -> Html:
     words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
     actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
     again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
-    key, links = quote(row.id, safe=""), _design(service, row)
+    key, links = quote(row.id, safe=""), ""
     if row.best is not None and row.flavour:
-        links += f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
+        links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
-    return Html(f'<div {live}>{words}<div class="actions">{actions}{again}{links}</div>{facts_list(what)}</div>')
+    all_actions = f'<div class="actions">{_design(service, row)}{actions}{again}{links}</div>'
+    return Html(f"<div {live}>{words}{all_actions}{facts_list(what)}</div>")
 
 
 def _design(service: Service, row: Row) -> str:
@@ -181,9 +182,16 @@ def _design(service: Service, row: Row) -> str:
 
 
 def _advice(row: Row) -> str:
-    """What to do about a job that has failed."""
+    """What a job waits for; what to do about one that has failed."""
     if not row.is_job:
         return '<p class="faint">A run folder in the data folder: it can be looked at here, and not be changed.</p>'
+    if row.state == "queued" and not row.message:
+        return '<p class="faint">It waits until other jobs have ended.</p>'
+    if row.state == "running" and not row.experiments:
+        return (
+            '<p class="faint">Its process starts. On a new machine, the first one compiles the simulator, which takes '
+            "about a minute.</p>"
+        )
     if row.state != "failed":
         return ""
     return (
@@ -193,13 +201,8 @@ def _advice(row: Row) -> str:
 
 
 def _without_race(row: Row) -> str:
-    if row.state == "queued":
-        return '<p class="faint">The race has not begun yet: it waits for other jobs. It will appear here.</p>'
-    if row.state == "running":
-        return (
-            '<p class="faint">The race has not begun yet: its process starts. On a new machine, the first one compiles '
-            "the simulator, which takes about a minute. It will appear here.</p>"
-        )
+    if row.state in ("queued", "running"):
+        return '<p class="faint">The race has not begun yet; it will appear here.</p>'
     return '<p class="faint">The race has not begun.</p>'
 
 

@@ -302,7 +302,7 @@
     }
     isSending = true;
     at("submit").setAttribute("aria-disabled", "true");
-    tell("told", "");
+    tell("told", "Submitting …", "faint");
     try {
       const body = request();
       const { job } = await api("POST", "/jobs", body, { "Idempotency-Key": keyOf(body) });
@@ -320,6 +320,7 @@
     keyed = "";
     isSending = false;
     at("submit").removeAttribute("aria-disabled");
+    tell("told", "");
   });
 
   // Settings.

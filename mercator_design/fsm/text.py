@@ -86,7 +86,7 @@ def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
         if other != flavour:
             with contextlib.suppress(FsmError):
                 read(other)
-                return f"; it fits the flavour {other}: give --flavour {other}"
+                return f"; it fits the flavour {other}: give that flavour"
     return ""
 
 

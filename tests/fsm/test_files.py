@@ -215,7 +215,7 @@ class TestFlavour:
     def test_a_text_of_another_flavour_is_told_so(self, tmp_path):
         path = tmp_path / "fsm.txt"
         path.write_text(PUBLISHED["chocolate"]["C4"])
-        with pytest.raises(FsmError, match="found 4; it fits the flavour chocolate: give --flavour chocolate"):
+        with pytest.raises(FsmError, match="found 4; it fits the flavour chocolate: give that flavour"):
             read_fsm(path)
         with pytest.raises(FsmError, match="it fits the flavour watermelon"):
             read_fsm(path.with_name("w.txt") if path.with_name("w.txt").write_text(GOOD) else path, "chocolate")
@@ -228,7 +228,7 @@ class TestFlavour:
     def test_a_yaml_of_another_flavour_is_told_so(self, tmp_path):
         path = tmp_path / "fsm.yaml"
         path.write_text("schema: 1\nstates: [{name: a, behaviour: phototaxis}]\n")
-        with pytest.raises(FsmError, match="it fits the flavour chocolate: give --flavour chocolate"):
+        with pytest.raises(FsmError, match="it fits the flavour chocolate: give that flavour"):
             read_fsm(path)
         assert read_fsm(path, "chocolate").pfsm.flavour == "chocolate"
 

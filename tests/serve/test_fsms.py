@@ -116,7 +116,7 @@ class TestCheck:
         "mission", [{}, {"mission": "foraging", "mission_text": "x"}, {"mission": "foraging", "job": "x"}]
     )
     def test_a_mission_is_given_in_one_way(self, client, mission):
-        assert client.post("/api/v1/fsms/check", json={"fsm": FSM, "mission": mission}).status_code == 409
+        assert client.post("/api/v1/fsms/check", json={"fsm": FSM, "mission": mission}).status_code == 422
 
     @pytest.mark.parametrize(
         "override", ["robot_model=/etc/passwd", "robot_model=robot_model.yaml", "floor.image.path=x.png"]
@@ -263,7 +263,7 @@ class TestEvaluate:
         assert evaluate(client, fsms=[{"fsm": FSM}], runs=1001).status_code == 429
         assert evaluate(client, fsms=[], runs=1).status_code == 422
         assert evaluate(client, fsms=[{"fsm": FSM}] * 7, runs=1).status_code == 422
-        assert evaluate(client, fsms=[{"fsm": FSM, "job": "x"}], runs=1).status_code == 409
+        assert evaluate(client, fsms=[{"fsm": FSM, "job": "x"}], runs=1).status_code == 422
 
     def test_an_fsm_whose_senses_the_robot_lacks(self, client):
         fsm = {"fsm": "--nstates 1 --s0 2", "flavour": "chocolate"}

@@ -43,7 +43,7 @@ def test_the_same_key_is_the_same_job(ann, bob):
         ({"mission": "aggregation"}, 422, "body.budget: Field required"),
         ({"mission": "aggregation", "budget": "60"}, 422, "body.budget"),
         ({"mission": "aggregation", "budget": 60, "jobs": 3}, 422, "body.jobs: Extra inputs are not permitted"),
-        ({"budget": 60}, 409, "expected either mission or mission_text"),
+        ({"budget": 60}, 422, "body: expected one of mission and mission_text"),
         ({"mission": "aggregation", "budget": 10**8}, 429, "budget: expected at most 100000"),
         ({"mission_text": "name: [", "budget": 60}, 422, "mission.yaml"),
         ({"mission_text": "schema: 1\nname: x\nfloor: {image: /etc/passwd}", "budget": 60}, 422, "mission.yaml"),

@@ -123,7 +123,9 @@ def test_completions(client):
 
 
 def test_an_estimate(client):
-    found = post(client, "estimate", mission="foraging", set=SMALL, budget=1000).json()
+    answer = post(client, "estimate", mission="foraging", set=SMALL, budget=1000)
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
     assert found["cost"]["experiments"] == 1100
     for low, high in (found["cost"]["seconds"], found["cost"]["core_seconds"]):
         assert 0 < low < high

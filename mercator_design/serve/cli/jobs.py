@@ -11,7 +11,7 @@ from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import print_message, print_result
 from mercator_design.report.columns import aligned
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
-from mercator_design.serve.jobs.job import STATES
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, STATES
 
 _PAGE = 500  # jobs of a request
 _DISPENSABLE = ("submitted", "owner", "mission", "message")
@@ -125,8 +125,10 @@ def cancel(context: click.Context, job: str, server: str | None) -> None:
 
 @jobs.command(short_help="Change budget, priority or sharing of a job.")
 @JOB
-@click.option("--budget", type=click.IntRange(1, 10**9), help="A larger budget; a job that has ended goes on with it.")
-@click.option("--priority", type=click.IntRange(-100, 100), help="Priority among your jobs.")
+@click.option(
+    "--budget", type=click.IntRange(1, MAX_BUDGET), help="A larger budget; a job that has ended goes on with it."
+)
+@click.option("--priority", type=click.IntRange(-MAX_PRIORITY, MAX_PRIORITY), help="Priority among your jobs.")
 @click.option("--shared/--private", default=None, help="Show it to all users, or to you alone.")
 @_SERVICE
 @click.pass_context

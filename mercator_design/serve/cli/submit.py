@@ -14,26 +14,27 @@ from mercator_design.config.loading import text_of
 from mercator_design.errors import MissionError
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
 from mercator_design.serve.client.connection import Lost
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
 
 _TRIES = 3
 
 
 @click.command(epilog=EPILOG)
 @click.argument("mission")
-@click.option("--budget", type=click.IntRange(1, 10**9), required=True, help="Maximum number of experiments.")
+@click.option("--budget", type=click.IntRange(1, MAX_BUDGET), required=True, help="Maximum number of experiments.")
 @SEED
 @DESIGN_FLAVOUR
 @method_option("surrogate")
 @click.option(
     "--test-runs",
-    type=click.IntRange(0, 10**6),
+    type=click.IntRange(0, MAX_TESTS),
     default=0,
     metavar="N",
     help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
 )
 @click.option(
     "--priority",
-    type=click.IntRange(-100, 100),
+    type=click.IntRange(-MAX_PRIORITY, MAX_PRIORITY),
     default=0,
     show_default=True,
     help="Priority among your jobs: a higher one runs first.",

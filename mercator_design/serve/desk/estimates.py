@@ -5,7 +5,7 @@ import statistics
 import time
 from dataclasses import dataclass
 
-from mercator_design.serve.desk.missions import user_mission
+from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.simulate import Simulator
@@ -56,9 +56,10 @@ def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> C
     """
     from mercator_design.designer import Designer
 
-    simulator = Simulator(user_mission(request.mission, text, request.set, limits))
+    source = MissionSource.of_request(request, text)
+    simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
-    times = _times(request.mission, text, request.set, request.flavour, limits)
+    times = _times(source, request.flavour, limits)
     experiment = statistics.fmean(times)
     error = statistics.stdev(times) / len(times) ** 0.5 if len(times) > 1 else experiment
     n = round(request.budget * (1.0 + _REPORTED)) + request.test_runs
@@ -74,11 +75,11 @@ def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> C
 
 
 @functools.lru_cache(maxsize=64)
-def _times(name: str, text: str | None, overrides: tuple[str, ...], flavour: str, limits: Limits) -> tuple[float, ...]:
+def _times(source: MissionSource, flavour: str, limits: Limits) -> tuple[float, ...]:
     """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
     from mercator_design.designer import Designer
 
-    simulator = Simulator(user_mission(name, text, overrides, limits))
+    simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MOST * 100, seed=1, flavour=flavour, method="random")
     simulator.rehearse(announce=lambda _: None)
     times: list[float] = []

@@ -2,22 +2,19 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
-from mercator_design.config import shipped
-from mercator_design.config.loading import text_of
+from mercator_design.config.json_schema import json_schema
 from mercator_design.config.writing import dump
-from mercator_design.errors import MercatorError, MissionError, excerpt
-from mercator_design.missions.mission import Mission, parse_mission
+from mercator_design.errors import MercatorError
+from mercator_design.missions.mission import Mission
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
-from mercator_design.serve.desk.outline import Outline
+from mercator_design.serve.desk.sources import MissionSource, text_without_files
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
-from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.simulate import Simulator, robot_model_of
 
-NAME = "mission.yaml"
-"""The name of a user's text in messages."""
 _BUDGET = 10_000
 """Experiments that suffice for any method."""
 
@@ -59,32 +56,15 @@ class MissionReview:
     facts: MissionFacts | None = None
 
 
-def user_mission(name: str, text: str | None, overrides: tuple[str, ...], limits: Limits) -> Mission:
-    """The mission of a user: a shipped one or a text, which may not name files of the service.
-
-    Raises:
-        MissionError: It is not valid, or beyond a limit.
-    """
-    label, source = _labelled(name, text)
-    mission = parse_mission(source, name=label, overrides=overrides, files=False)
-    if mission.robot_model not in shipped.robot_models():
-        where, found = mission.where("robot_model"), excerpt(mission.robot_model)
-        raise MissionError(f"{where}: expected the name of a shipped one, found {found}")
-    for key, most in (("robots", limits.robots), ("duration", limits.duration)):
-        if (value := getattr(mission, key)) > most:
-            raise MissionError(f"{mission.where(key)}: expected at most {most:g}, the limit here, found {value:g}")
-    return mission
-
-
 def checked_request(request: Request, text: str | None, limits: Limits) -> CheckedMission:
-    """Check the mission of a job, and that a race of it can begin.
+    """Check the mission of a job, which has a text unless it is a shipped one, and that a race of it can begin.
 
     Raises:
         MercatorError: It cannot; with each mistake.
     """
     from mercator_design.designer import Designer
 
-    mission = user_mission(request.mission, text, request.set, limits)
+    mission = MissionSource.of_request(request, text).read(limits)
     simulator = Simulator(mission)
     simulator.check_placement()
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
@@ -97,7 +77,7 @@ def checked_request(request: Request, text: str | None, limits: Limits) -> Check
     )
 
 
-def review(name: str, text: str | None, overrides: tuple[str, ...], flavour: str, limits: Limits) -> MissionReview:
+def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview:
     """All that can be said of a mission, which may have mistakes.
 
     Raises:
@@ -105,12 +85,12 @@ def review(name: str, text: str | None, overrides: tuple[str, ...], flavour: str
     """
     from mercator_design.designer import Designer
 
-    label, source = _labelled(name, text)
+    label, text = source.label_and_text()
     try:
-        mission = user_mission(name, text, overrides, limits)
+        mission = source.read(limits)
         simulator = Simulator(mission)
     except MercatorError as error:
-        return MissionReview(errors=tuple(findings(error.messages, label, source)))
+        return MissionReview(errors=tuple(findings(error.messages, label, text)))
     errors: list[str] = []
     for attempt in (simulator.check_placement, partial(Designer, simulator, budget=_BUDGET, seed=1, flavour=flavour)):
         try:
@@ -118,15 +98,13 @@ def review(name: str, text: str | None, overrides: tuple[str, ...], flavour: str
         except MercatorError as error:
             errors += error.messages
     return MissionReview(
-        errors=tuple(findings(errors, label, source)),
-        warnings=tuple(findings(_warnings(simulator, flavour), label, source)),
+        errors=tuple(findings(errors, label, text)),
+        warnings=tuple(findings(_warnings(simulator, flavour), label, text)),
         facts=_facts(mission, dead_conditions(mission, simulator.robot_model, flavour)),
     )
 
 
-def picture(
-    name: str, text: str | None, overrides: tuple[str, ...], limits: Limits, seed: int, kind: Literal["png", "svg"]
-) -> bytes:
+def picture(source: MissionSource, limits: Limits, seed: int, kind: Literal["png", "svg"]) -> bytes:
     """A mission seen from above.
 
     Raises:
@@ -134,44 +112,24 @@ def picture(
     """
     from mercator_design.view.pictures.preview import picture_of
 
-    simulator = Simulator(user_mission(name, text, overrides, limits))
-    return picture_of(simulator, seed=seed, suffix=f".{kind}")
+    return picture_of(Simulator(source.read(limits)), seed=seed, suffix=f".{kind}")
 
 
-def mission_text(name: str, text: str | None, overrides: tuple[str, ...], limits: Limits) -> str:
-    """The text of a mission in which its overrides are; if there are any, with all defaults and without comments.
-
-    Raises:
-        MissionError: It is not valid.
-    """
-    _, source = _labelled(name, text)
-    return dump(user_mission(name, text, overrides, limits)) if overrides else source
-
-
-def raced_mission_text(text: str, model: str, limits: Limits) -> str:
-    """The mission of a run folder as a text that names no files.
-
-    Args:
-        text: The mission of the run folder.
-        model: The text of its robot model.
-        limits: Of the service.
+def mission_text(source: MissionSource, limits: Limits) -> str:
+    """The text of a mission, which names no files; if it has overrides or is of a run folder, without its comments.
 
     Raises:
-        MissionError: It has other files, or its robot model is not a shipped one.
+        MissionError: It is not valid, or it has files of its own.
     """
-    root = Outline.of(model).root
-    name = root.child("name") if root else None
-    found = name.content if name is not None and isinstance(name.content, str) else ""
-    return mission_text("", text, (f"robot_model={found}",), limits)
+    if source.folder is not None:
+        mission = source.read(limits)
+        return text_without_files(mission, robot_model_of(mission))
+    return dump(source.read(limits)) if source.overrides else source.label_and_text()[1]
 
 
-def _labelled(name: str, text: str | None) -> tuple[str, str]:
-    """What messages call a user's mission, and its text."""
-    if text is not None:
-        return NAME, text
-    if name not in shipped.missions():
-        raise MissionError(f"mission: expected the name of a shipped mission, found {excerpt(name)}")
-    return name, text_of(shipped.missions()[name], error=MissionError)
+def mission_schema() -> dict[str, Any]:
+    """The JSON Schema of mission files, with the objectives of the service's plugins."""
+    return json_schema(Mission, title="A mission", given=("name",))
 
 
 def _warnings(simulator: Simulator, flavour: str) -> list[str]:

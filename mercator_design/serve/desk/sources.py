@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
 from mercator_design.config.writing import digest_of, dump
-from mercator_design.errors import MissionError, RaceError
+from mercator_design.errors import MissionError, RaceError, excerpt
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
-from mercator_design.serve.desk.missions import NAME, user_mission
+from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import robot_model_of
@@ -29,6 +31,11 @@ class MissionSource:
     overrides: tuple[str, ...] = ()
     folder: Path | None = None  # a run folder of ours, which has all files of its mission
 
+    @classmethod
+    def of_request(cls, request: Request, text: str | None) -> Self:
+        """The mission of a job, which has a text unless it is a shipped one."""
+        return cls(name=request.mission, text=text, overrides=request.set)
+
     def read(self, limits: Limits) -> Mission:
         """The mission.
 
@@ -36,14 +43,42 @@ class MissionSource:
             MissionError: It is not valid, or a user's is beyond a limit.
         """
         if self.folder is None:
-            return user_mission(self.name, self.text, self.overrides, limits)
-        text = text_of(self.folder / NAME, error=MissionError)
-        mission = parse_mission(text, name=NAME, folder=self.folder)
+            return _user_mission(*self.label_and_text(), self.overrides, limits)
+        text = text_of(self.folder / MISSION, error=MissionError)
+        mission = parse_mission(text, name=MISSION, folder=self.folder)
         if not self.overrides:
             return mission
         # The overrides are a user's, who may not name files; the mission itself may.
         text = text_without_files(mission, robot_model_of(mission))
-        return user_mission("", text, self.overrides, limits)
+        return _user_mission(MISSION, text, self.overrides, limits)
+
+    def label_and_text(self) -> tuple[str, str]:
+        """What messages call a mission that is not of a run folder, and its text.
+
+        Raises:
+            MissionError: There is no shipped mission of the name.
+        """
+        if self.text is not None:
+            return MISSION, self.text
+        if self.name not in shipped.missions():
+            raise MissionError(f"mission: expected the name of a shipped mission, found {excerpt(self.name)}")
+        return self.name, text_of(shipped.missions()[self.name], error=MissionError)
+
+
+def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: Limits) -> Mission:
+    """The mission of a user, which may not name files of the service.
+
+    Raises:
+        MissionError: It is not valid, or beyond a limit.
+    """
+    mission = parse_mission(text, name=label, overrides=overrides, files=False)
+    if mission.robot_model not in shipped.robot_models():
+        where, found = mission.where("robot_model"), excerpt(mission.robot_model)
+        raise MissionError(f"{where}: expected the name of a shipped one, found {found}")
+    for key, most in (("robots", limits.robots), ("duration", limits.duration)):
+        if (value := getattr(mission, key)) > most:
+            raise MissionError(f"{mission.where(key)}: expected at most {most:g}, the limit here, found {value:g}")
+    return mission
 
 
 def text_without_files(mission: Mission, model: RobotModel) -> str:

@@ -1,29 +1,23 @@
 """Routes on jobs."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
 from mercator_design.serve.desk.missions import checked_request
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES
-from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Submitted
-from mercator_design.serve.jobs.index import ORDERS
+from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Order, Submitted
 from mercator_design.serve.jobs.job import State
-from mercator_design.serve.jobs.operations import NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
 
 Key = Annotated[str, Header(alias="Idempotency-Key", max_length=200, pattern=r"^[\x21-\x7e]*$")]
-Order = Literal["submitted", "name", "owner", "state", "budget", "experiments", "best", "priority"]
-assert set(ORDERS) == set(Order.__args__)  # type: ignore[attr-defined]  # noqa: S101
 
 
 @router.post("/jobs", status_code=201)
 def submit(service: TheService, user: TheUser, body: JobRequest, response: Response, key: Key = "") -> Submitted:
     """Submit a design job. With the same Idempotency-Key, the same job is returned, and none is added."""
-    if (body.mission_text is None) == (body.mission == ""):
-        raise NotPossible("expected either mission or mission_text")
     request, text = body.request(), body.mission_text
     if key and (row := service.index.submitted(user.name, key)) is not None:
         response.status_code = 200

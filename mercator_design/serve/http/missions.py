@@ -11,15 +11,14 @@ from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
 from mercator_design.config import shipped
-from mercator_design.config.json_schema import json_schema
 from mercator_design.config.loading import text_of
 from mercator_design.errors import MissionError
-from mercator_design.missions.mission import Mission
 from mercator_design.report.missions import missions_facts
 from mercator_design.serve.desk.completion import Completions, completions
 from mercator_design.serve.desk.estimates import Cost, cost_of
-from mercator_design.serve.desk.missions import MissionReview, mission_text, picture, raced_mission_text, review
+from mercator_design.serve.desk.missions import MissionReview, mission_schema, mission_text, picture, review
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
+from mercator_design.serve.http.given import mission_of_job, mission_of_request
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
 from mercator_design.serve.jobs.index import Row
@@ -86,7 +85,7 @@ def mission(name: Annotated[str, InPath(max_length=200)]) -> PlainTextResponse:
 
 
 @router.get("/jobs/{id}/mission", response_class=PlainTextResponse)
-def mission_of_job(service: TheService, row: VisibleJob) -> PlainTextResponse:
+def mission_to_submit(service: TheService, row: VisibleJob) -> PlainTextResponse:
     """Fetch the mission of a job as a YAML that can be submitted again; its overrides are in it."""
     return PlainTextResponse(text_of_job(service, row), headers=_TEXT)
 
@@ -94,8 +93,7 @@ def mission_of_job(service: TheService, row: VisibleJob) -> PlainTextResponse:
 @router.post("/missions/check")
 def check(service: TheService, body: MissionToCheck) -> MissionReview:
     """Check a mission: all mistakes and warnings with their places, and its facts if it can be read."""
-    given = body.mission, body.mission_text, tuple(body.set)
-    return service.desk.run(review, *given, body.flavour, service.settings.limits)
+    return service.desk.run(review, body.source(), body.flavour, service.settings.limits)
 
 
 @router.post(
@@ -107,8 +105,7 @@ def check(service: TheService, body: MissionToCheck) -> MissionReview:
 )
 def preview(service: TheService, body: MissionToShow) -> Response:
     """Draw a mission from above: floor, zones, arena, where robots may start and what they can reach."""
-    given = body.mission, body.mission_text, tuple(body.set)
-    data = service.desk.run(picture, *given, service.settings.limits, body.seed, body.kind)
+    data = service.desk.run(picture, body.source(), service.settings.limits, body.seed, body.kind)
     return Response(data, media_type=_TYPES[body.kind], headers=_PICTURE)
 
 
@@ -143,24 +140,12 @@ def schema(service: TheService) -> dict[str, Any]:
     return service.desk.run(mission_schema)
 
 
-def mission_schema() -> dict[str, Any]:
-    """The JSON Schema of mission files, with the objectives of the service's plugins."""
-    return json_schema(Mission, title="A mission", given=("name",))
-
-
 def text_of_job(service: Service, row: Row) -> str:
     """The mission of a job as a text that can be submitted again.
 
     Raises:
         MissionError: It cannot be submitted, for example because it has an image.
+        NotPossible: Its run folder is not of a mission.
     """
-    limits = service.settings.limits
-    if row.is_job:
-        request, text = service.store.read(row.id).request, service.store.text(row.id)
-        return service.desk.run(mission_text, request.mission, text, request.set, limits)
-    folder = service.store.run_folder(row.id)
-    if not (folder / "mission.yaml").exists():
-        raise Missing(f"{row.id} has no mission")
-    model = text_of(folder / "robot_model.yaml", error=MissionError)
-    text = text_of(folder / "mission.yaml", error=MissionError)
-    return service.desk.run(raced_mission_text, text, model, limits)
+    source = mission_of_request(service, row) if row.is_job else mission_of_job(service, row)
+    return service.desk.run(mission_text, source, service.settings.limits)

@@ -1,17 +1,25 @@
 """The bodies of requests and answers on jobs."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.job import Request, State
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.race.methods.table import METHODS
+from mercator_design.serve.desk.sources import MissionSource
+from mercator_design.serve.jobs.index import ORDERS, Row
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_SEED, MAX_TESTS, Request, State
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""
 
-Flavour = Literal["watermelon", "chocolate"]
-Method = Literal["surrogate", "irace", "random", "tpe", "cma-es"]
+if TYPE_CHECKING:
+    Flavour: TypeAlias = str
+    Method: TypeAlias = str
+    Order: TypeAlias = str
+else:  # the words of the house's tables
+    Flavour, Method, Order = Literal[FLAVOURS], Literal[tuple(METHODS)], Literal[ORDERS]
+Identity = Annotated[str, Field(max_length=200)]
 MissionText = Annotated[str, Field(max_length=MAX_TEXT)]
 Override = Annotated[str, Field(max_length=2000)]
 
@@ -22,12 +30,29 @@ class Body(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
+def one_of(*names: str) -> Any:  # noqa: ANN401 - pydantic's decorator has no name for it
+    """A check of a body: it has exactly one of these fields."""
+
+    def check(body: Body) -> Body:
+        if sum(getattr(body, name) != type(body).model_fields[name].default for name in names) != 1:
+            raise ValueError(f"expected one of {', '.join(names[:-1])} and {names[-1]}")
+        return body
+
+    return model_validator(mode="after")(check)
+
+
 class MissionGiven(Body):
     """A shipped mission by its name, or the text of a mission file."""
 
     mission: Annotated[str, Field(max_length=200, description="Name of a shipped mission.")] = ""
     mission_text: Annotated[MissionText | None, Field(description="A mission file (YAML), instead of a name.")] = None
     set: Annotated[list[Override], Field(max_length=100, description="Overrides such as `robots=10`.")] = []
+
+    _of_one = one_of("mission", "mission_text")
+
+    def source(self) -> MissionSource:
+        """The mission."""
+        return MissionSource(name=self.mission, text=self.mission_text, overrides=tuple(self.set))
 
 
 class MissionToCheck(MissionGiven):
@@ -39,7 +64,7 @@ class MissionToCheck(MissionGiven):
 class MissionToShow(MissionGiven):
     """A mission to draw."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**63, description="Of the instance that is shown.")] = 1
+    seed: Annotated[int, Field(ge=0, le=MAX_SEED, description="Of the instance that is shown.")] = 1
     kind: Annotated[Literal["svg", "png"], Field(description="Format of the picture.")] = "svg"
 
 
@@ -54,12 +79,14 @@ class TextToComplete(Body):
 class JobRequest(MissionGiven):
     """A job to submit."""
 
-    budget: Annotated[int, Field(ge=1, le=10**9, description="Experiments at most.")]
+    budget: Annotated[int, Field(ge=1, le=MAX_BUDGET, description="Experiments at most.")]
     method: Method = "surrogate"
     flavour: Flavour = "watermelon"
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    test_runs: Annotated[int, Field(ge=0, le=10**6, description="Fresh instances to test the winner on.")] = 0
-    priority: Annotated[int, Field(ge=-100, le=100, description="Among your jobs; a higher one runs first.")] = 0
+    seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 1
+    test_runs: Annotated[int, Field(ge=0, le=MAX_TESTS, description="Fresh instances to test the winner on.")] = 0
+    priority: Annotated[
+        int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
+    ] = 0
 
     def request(self) -> Request:
         """What the job is to do."""
@@ -72,8 +99,8 @@ class JobRequest(MissionGiven):
 class JobChange(Body):
     """Changes of a job; what is not given stays."""
 
-    budget: Annotated[int | None, Field(ge=1, le=10**9, description="A larger budget.")] = None
-    priority: Annotated[int | None, Field(ge=-100, le=100)] = None
+    budget: Annotated[int | None, Field(ge=1, le=MAX_BUDGET, description="A larger budget.")] = None
+    priority: Annotated[int | None, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY)] = None
     shared: Annotated[bool | None, Field(description="Whether all users may see it.")] = None
 
 

@@ -14,6 +14,7 @@ State: TypeAlias = Literal["queued", "running", "paused", "succeeded", "failed",
 STATES: tuple[State, ...] = get_args(State)
 ENDED: tuple[State, ...] = ("succeeded", "failed", "cancelled")
 """States in which nothing happens unless a user asks for it."""
+MAX_BUDGET, MAX_TESTS, MAX_PRIORITY, MAX_SEED = 10**9, 10**6, 100, 2**63 - 1
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
 
 
@@ -23,12 +24,14 @@ class Request:
 
     mission: str  # name of a shipped mission; empty: the text beside the job's file
     set: tuple[str, ...] = ()
-    budget: Annotated[int, Range(1, 10**9)]
+    budget: Annotated[int, Range(1, MAX_BUDGET)]
     method: Annotated[str, OneOf(tuple(METHODS))] = "surrogate"
     flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"
-    seed: Annotated[int, Range(0, 2**63 - 1)] = 1
-    test_runs: Annotated[int, Range(0, 10**6)] = 0
-    priority: Annotated[int, Range(-100, 100)] = 0  # among the jobs of its user; a higher one runs first
+    seed: Annotated[int, Range(0, MAX_SEED)] = 1
+    test_runs: Annotated[int, Range(0, MAX_TESTS)] = 0
+    priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = (
+        0  # among the jobs of its user; a higher one runs first
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,7 @@ from mercator_design.serve.desk.races import about_part, best_replays, race_part
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.job import ENDED
+from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY
 from mercator_design.serve.jobs.processes import last_messages
 from mercator_design.serve.jobs.races import end_of
 from mercator_design.serve.jobs.store import OUTPUT
@@ -228,8 +228,8 @@ def _changes(user: User, row: Row) -> Html:
     fields = (
         f'<label>New budget (experiments)<input type="number" name="budget" min="{row.budget + 1}" step="1" '
         f'placeholder="{row.budget}" inputmode="numeric"></label>'
-        f'<label>Priority among your jobs<input type="number" name="priority" min="-100" max="100" '
-        f'value="{row.priority}"></label>{shared}<div><button>Change</button></div>'
+        f'<label>Priority among your jobs<input type="number" name="priority" min="{-MAX_PRIORITY}" '
+        f'max="{MAX_PRIORITY}" value="{row.priority}"></label>{shared}<div><button>Change</button></div>'
     )
     form = f'<form class="fields" id="change">{fields}</form>'
     return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)

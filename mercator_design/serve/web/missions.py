@@ -1,6 +1,6 @@
 """The page on which a job is made: the editor of its mission, and the settings of its race."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from html import escape
 from typing import Annotated
 
@@ -10,11 +10,13 @@ from fastapi.responses import HTMLResponse
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
 from mercator_design.errors import MercatorError, MissionError
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.race.methods.table import METHODS
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
 from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, Request
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import page
 from mercator_design.view.markup import escaped
@@ -23,14 +25,15 @@ router = APIRouter(include_in_schema=False)
 
 _FIRST = "foraging"
 _BUDGETS = {"first look": 300, "usual": 2000, "thorough": 10_000}
-_METHODS = {
+_WORDS = {
     "surrogate": "surrogate (recommended)",
-    "irace": "irace",
     "tpe": "tpe, of Optuna",
     "cma-es": "cma-es, of Optuna",
     "random": "random search",
+    "watermelon": "watermelon: for Mercator",
+    "chocolate": "chocolate: for e-pucks, without colours",
 }
-_FLAVOURS = {"watermelon": "watermelon: for Mercator", "chocolate": "chocolate: for e-pucks, without colours"}
+"""What methods and flavours are; others are shown by their names alone."""
 _KEYS = (
     "Ctrl-Space: what may be written here. F8: the next mistake. Ctrl-] and Ctrl-[: indent more and less. "
     "Tab leaves the editor; if a menu is open, press Esc, then Tab."
@@ -126,11 +129,11 @@ def _settings(limit: int, request: Request) -> Html:
     )
     budget = _number("budget", "Budget: maximum number of experiments", request.budget, 1, limit)
     fields = (
-        _choice("method", "Method", _METHODS, request.method),
-        _choice("flavour", "Flavour of modules", _FLAVOURS, request.flavour),
+        _choice("method", "Method", METHODS, request.method),
+        _choice("flavour", "Flavour of modules", FLAVOURS, request.flavour),
         _number("seed", "Seed", request.seed, 0, 2**53 - 1),
-        _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, 10**6),
-        _number("priority", "Priority among your jobs", request.priority, -100, 100),
+        _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, MAX_TESTS),
+        _number("priority", "Priority among your jobs", request.priority, -MAX_PRIORITY, MAX_PRIORITY),
     )
     return Html(
         f'<section id="race"><h2>Race</h2><div class="budget">{budget}'
@@ -150,10 +153,10 @@ def _number(name: str, label: str, value: int, low: int, high: int) -> str:
     return f'<div><label for="{name}">{escaped(label)}</label>{field}</div>'
 
 
-def _choice(name: str, label: str, words: Mapping[str, str], chosen: str) -> str:
+def _choice(name: str, label: str, words: Iterable[str], chosen: str) -> str:
     options = "".join(
-        f'<option value="{word}"{" selected" * (word == chosen)}>{escaped(text)}</option>'
-        for word, text in words.items()
+        f'<option value="{word}"{" selected" * (word == chosen)}>{escaped(_WORDS.get(word, word))}</option>'
+        for word in words
     )
     return (
         f'<div><label for="{name}">{escaped(label)}</label><select id="{name}" name="{name}">{options}</select></div>'

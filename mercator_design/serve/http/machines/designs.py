@@ -13,7 +13,7 @@ from mercator_design.serve.desk.desk import TooMuchWork
 from mercator_design.serve.desk.machines import Machines, checked, new_design, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser
-from mercator_design.serve.http.machines.given import fsms_given, mission_given, visible_design
+from mercator_design.serve.http.given import fsms_given, mission_given, visible_design
 from mercator_design.serve.http.machines.schemas import CheckedFsm, FsmBody, MissionBody
 from mercator_design.serve.http.problems import RESPONSES, NotAllowed
 from mercator_design.serve.http.schemas import Body

@@ -10,7 +10,7 @@ from mercator_design.serve.desk.desk import TooMuchWork
 from mercator_design.serve.desk.machines import Machines, best_of, checked, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
-from mercator_design.serve.http.machines.given import fsm_text, fsms_given, job_source, mission_given, mission_of_job
+from mercator_design.serve.http.given import fsm_text, fsms_given, job_source, mission_given, mission_of_job
 from mercator_design.serve.http.machines.schemas import (
     CheckedFsm,
     CheckRequest,
@@ -22,6 +22,7 @@ from mercator_design.serve.http.machines.schemas import (
 )
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Flavour
+from mercator_design.serve.jobs.job import MAX_SEED
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)  # type: ignore[arg-type]
@@ -84,7 +85,7 @@ def winner(service: TheService, row: VisibleJob) -> Winner:
 def replay_of_job(
     service: TheService,
     row: VisibleJob,
-    seed: Annotated[int, Query(ge=0, lt=2**63, description="Of the instance.")] = 1,
+    seed: Annotated[int, Query(ge=0, le=MAX_SEED, description="Of the instance.")] = 1,
 ) -> list[dict[str, Any]]:
     """Run the winner of a job, or its best so far, on an instance of its mission: what the viewer plays."""
     machines = Machines(

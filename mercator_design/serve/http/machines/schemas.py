@@ -11,7 +11,8 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS
 from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
-from mercator_design.serve.http.schemas import Body, Flavour, MissionText, Override
+from mercator_design.serve.http.schemas import Body, Flavour, Identity, MissionGiven, one_of
+from mercator_design.serve.jobs.job import MAX_SEED
 
 MAX_FSMS = 6
 _MAX_FSM = 65_536  # characters, as of a file
@@ -130,16 +131,13 @@ class StructuredFsm(Body):
 FsmText = Annotated[str, Field(max_length=_MAX_FSM, description="A line of an fsm.txt, an fsm.txt, or an fsm.yaml.")]
 
 
-class MissionBody(Body):
+class MissionBody(MissionGiven):
     """A mission: the name of a shipped one, the text of a file, or that of a job or a saved design."""
 
-    mission: Annotated[str, Field(max_length=200, description="Name of a shipped mission.")] = ""
-    mission_text: Annotated[MissionText | None, Field(description="A mission file (YAML).")] = None
-    job: Annotated[str, Field(max_length=200, description="Id of a job, whose mission it is.")] = ""
-    design: Annotated[str, Field(max_length=200, description="Id of a saved design, whose mission it is.")] = ""
-    set: Annotated[list[Override], Field(max_length=100, description="Overrides such as `robots=10`.")] = Field(
-        default_factory=list
-    )
+    job: Annotated[Identity, Field(description="Id of a job, whose mission it is.")] = ""
+    design: Annotated[Identity, Field(description="Id of a saved design, whose mission it is.")] = ""
+
+    _of_one = one_of("mission", "mission_text", "job", "design")
 
 
 class FsmBody(Body):
@@ -148,8 +146,10 @@ class FsmBody(Body):
     name: Annotated[str, Field(max_length=100, description="By which the answer calls it.")] = ""
     fsm: FsmText | StructuredFsm | None = None
     flavour: Annotated[Flavour | None, Field(description="Of a text that does not say it.")] = None
-    job: Annotated[str, Field(max_length=200, description="Id of a job.")] = ""
-    design: Annotated[str, Field(max_length=200, description="Id of a saved design.")] = ""
+    job: Annotated[Identity, Field(description="Id of a job.")] = ""
+    design: Annotated[Identity, Field(description="Id of a saved design.")] = ""
+
+    _of_one = one_of("fsm", "job", "design")
 
 
 class CheckRequest(Body):
@@ -166,14 +166,14 @@ class ReplayRequest(Body):
 
     mission: MissionBody
     fsms: Annotated[list[FsmBody], Field(min_length=1, max_length=MAX_FSMS)]
-    seed: Annotated[int, Field(ge=0, lt=2**63, description="Of the instance.")] = 1
+    seed: Annotated[int, Field(ge=0, le=MAX_SEED, description="Of the instance.")] = 1
 
 
 class EvaluationRequest(ReplayRequest):
     """FSMs to run on the same fresh instances of a mission."""
 
     runs: Annotated[int, Field(ge=1, le=10**6, description="Instances.")] = 30
-    seed: Annotated[int, Field(ge=0, lt=2**63, description="From which the instances come.")] = 1
+    seed: Annotated[int, Field(ge=0, le=MAX_SEED, description="From which the instances come.")] = 1
 
 
 class FindingAnswer(BaseModel):

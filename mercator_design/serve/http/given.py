@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mercator_design.serve.accounts.users import User
@@ -33,20 +34,14 @@ def mission_given(service: Service, user: User, body: MissionBody) -> MissionSou
 
     Raises:
         Missing: The user may not see its job or design.
-        NotPossible: It names none, or several.
     """
-    if (body.mission != "") + (body.mission_text is not None) + (body.job != "") + (body.design != "") != 1:
-        raise NotPossible("mission: expected one of mission, mission_text, job and design")
-    overrides = tuple(body.set)
     if body.job:
         found = mission_of_job(service, visible_job(service, user, body.job))
-        return MissionSource(
-            name=found.name, text=found.text, folder=found.folder, overrides=(*found.overrides, *overrides)
-        )
-    text = body.mission_text
+        return replace(found, overrides=(*found.overrides, *body.set))
     if body.design:
         text = service.designs.mission(visible_design(service, user, body.design).id)
-    return MissionSource(name=body.mission, text=text, overrides=overrides)
+        return MissionSource(text=text, overrides=tuple(body.set))
+    return body.source()
 
 
 def mission_of_job(service: Service, row: Row) -> MissionSource:
@@ -60,8 +55,12 @@ def mission_of_job(service: Service, row: Row) -> MissionSource:
         return MissionSource(folder=folder)
     if not row.is_job:
         raise NotPossible(f"{row.id}: expected the run folder of a mission, found one without {MISSION}")
-    request = service.store.read(row.id).request
-    return MissionSource(name=request.mission, text=service.store.text(row.id), overrides=request.set)
+    return mission_of_request(service, row)
+
+
+def mission_of_request(service: Service, row: Row) -> MissionSource:
+    """The mission of a job as its user wrote it."""
+    return MissionSource.of_request(service.store.read(row.id).request, service.store.text(row.id))
 
 
 def job_source(service: Service, row: Row, name: str = "") -> FsmSource:
@@ -74,12 +73,9 @@ def fsms_given(service: Service, user: User, bodies: Sequence[FsmBody]) -> tuple
 
     Raises:
         Missing: The user may not see a job or design.
-        NotPossible: One is not given, or in several ways.
     """
     found = list[FsmSource]()
     for k, body in enumerate(bodies):
-        if (body.fsm is not None) + (body.job != "") + (body.design != "") != 1:
-            raise NotPossible(f"fsms[{k}]: expected one of fsm, job and design")
         name = body.name or body.job or body.design or f"FSM {k + 1}"
         taken = {one.name for one in found}
         name = next(one for one in (name, *(f"{name} ({n})" for n in range(2, k + 3))) if one not in taken)

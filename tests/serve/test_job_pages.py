@@ -1,5 +1,7 @@
 """The pages on jobs, as browsers get them."""
 
+import html
+import json
 import re
 import shutil
 from html.parser import HTMLParser
@@ -133,10 +135,12 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     assert f'/api/v1/jobs/{job}/files/fsm.txt"' in text
     assert 'data-ended="true"' in text
     assert "What was asked" in ann.get(f"/jobs/{job}/about").text
-    found = ann.get(f"/jobs/{job}/replays").json()
-    assert found["without"] == ""
-    assert [one["name"].split(":")[0] for one in found["replays"]] == ["median", "best", "worst"]
-    for path in ("", "/now", "/race", "/about", "/replays", "/files", "/messages"):
+    runs = json.loads(html.unescape(re.search('data-runs="([^"]+)"', parts.text)[1]))
+    assert [one["label"].split(":")[0] for one in runs] == ["median", "best", "worst"]
+    for one in runs:
+        (replay,) = ann.get(f"/api/v1/jobs/{job}/replay?seed={one['seed']}").json()
+        assert replay["header"]["score"] == one["score"]
+    for path in ("", "/now", "/race", "/about", "/files", "/messages"):
         assert bob.get(f"/jobs/{job}{path}").status_code == 404
     quiet.service.jobs.share(job, shared=True)
     text = checked(bob.get(f"/jobs/{job}"))
@@ -148,7 +152,8 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
 def test_nothing_to_replay_yet(quiet, ann):
     job = quiet.submit()
     quiet.race(job, lines=3)
-    assert "nothing to replay yet" in ann.get(f"/jobs/{job}/replays").json()["without"]
+    assert "data-runs" not in ann.get(f"/jobs/{job}/race").text
+    assert "has no winner yet" in ann.get(f"/api/v1/jobs/{job}/replay").json()["errors"][0]
 
 
 def test_a_failed_job_says_why_and_what_to_do(quiet, ann):

@@ -89,10 +89,10 @@ def test_a_job_is_followed_to_its_end_and_replayed_meanwhile(page, live):
     assert "The best so far" in page.evaluate("document.querySelector('#answer').innerText")
     page.wait_for("!document.getElementById('watch').hidden")
     page.evaluate("document.getElementById('watch').click()")
-    page.wait_for("!!window.player")
+    page.wait_for("!!document.querySelector('#stage canvas')")
     assert page.evaluate("document.querySelectorAll('#runs button').length") == 3
     page.evaluate("document.querySelector('#runs button:last-child').click()")
-    page.wait_for("document.querySelectorAll('#stage canvas').length >= 2")
+    page.wait_for("document.querySelector('#stage .stage:last-child:not(:first-child) canvas')")
     assert live.service.index.get(job).state == "running"
     page.evaluate("window.canvas = document.querySelector('#stage canvas'); document.getElementById('watch').blur()")
     live.race(job)

@@ -272,7 +272,7 @@ class TestBrowser:
         page.click("#submit")
         page.wait_for("held.bodies.length === 1")
         page.evaluate("held.lose()")
-        page.wait_for("document.getElementById('told').textContent.includes('lost')")
+        page.wait_for("document.getElementById('told').textContent.includes('does not answer')")
         assert page.evaluate("location.pathname") == "/new"
         page.click("#submit")
         page.wait_for("location.pathname.startsWith('/jobs/')")

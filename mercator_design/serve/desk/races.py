@@ -13,23 +13,22 @@ from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.importance import importance
 from mercator_design.report.page.markup import note
 from mercator_design.report.page.origin import origin
-from mercator_design.report.page.replays import chosen_runs, run_again
+from mercator_design.report.page.replays import Run, chosen_runs
 from mercator_design.report.page.request import request
-from mercator_design.view.charts import number
-from mercator_design.view.page import script_json
-from mercator_design.view.replay import replay_of
 
 
 @dataclass(frozen=True)
 class Part:
     """A part of a page.
 
-    text: HTML or JSON.
+    text: HTML.
     best: The number of the winner, or of the best configuration so far; None if there is none yet.
+    runs: Its median, best and worst run.
     """
 
     text: str
-    best: int | None
+    best: int | None = None
+    runs: tuple[Run, ...] = ()
 
     @cached_property
     def version(self) -> str:
@@ -48,7 +47,11 @@ def race_part(folder: Path) -> Part:
     sections = [answer(facts, proof, []), course(facts)]
     if facts.is_finished:
         sections[1:] = [choice(facts, proof, ""), course(facts), importance(facts)]
-    return Part("".join([*(note(f"Note: {text}") for text in facts.notes), *sections]), facts.best)
+    return Part(
+        "".join([*(note(f"Note: {text}") for text in facts.notes), *sections]),
+        facts.best,
+        tuple(chosen_runs(facts, None)),
+    )
 
 
 def about_part(folder: Path) -> Part:
@@ -58,24 +61,7 @@ def about_part(folder: Path) -> Part:
         MercatorError: The folder cannot be read.
     """
     facts = _facts(folder)
-    return Part(request(facts) + origin(facts), facts.best)
-
-
-def best_replays(folder: Path) -> Part:
-    """Replays of the winner or the best so far: its median, best and worst run of the race, as JSON.
-
-    Raises:
-        MercatorError: The folder cannot be read.
-    """
-    facts = _facts(folder)
-    runs = chosen_runs(facts, None)
-    shown, problem = run_again(facts, runs)
-    found = [
-        {"name": f"{run.name}: {number(run.score)}", "replay": replay_of(one)}
-        for run, one in zip(runs, shown, strict=False)
-    ]
-    without = problem or ("" if found else "There is nothing to replay yet: no iteration has ended.")
-    return Part(script_json({"best": facts.best, "replays": found, "without": without}), facts.best)
+    return Part(request(facts) + origin(facts))
 
 
 def _facts(folder: Path) -> Facts:

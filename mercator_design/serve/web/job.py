@@ -1,5 +1,7 @@
 """The page of a job: its race while it runs, its winner, its files, what can be done with it."""
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import quote
@@ -13,7 +15,7 @@ from mercator_design.report.page.page import REPORT
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import FSM
-from mercator_design.serve.desk.races import about_part, best_replays, race_part
+from mercator_design.serve.desk.races import Part, about_part, race_part
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import Row
@@ -37,6 +39,7 @@ from mercator_design.serve.web.job_parts import (
 )  # fmt: skip
 from mercator_design.serve.web.kept import Kept
 from mercator_design.serve.web.layout import fragment, page
+from mercator_design.view.charts import number
 from mercator_design.view.markup import escaped, escaped_lines
 
 router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
@@ -99,50 +102,51 @@ def race(
     service: TheService, parts: _TheParts, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
 ) -> Response:
     """The race of a job, for its page; nothing new if the page has it."""
-    folder = service.store.run_folder(row.id)
     live = f'id="race" data-live="{address(row, "/race")}"'
-    if not (folder / JOURNAL).exists():
-        return fragment(f"<div {live}>{_without_race(row)}</div>")
     try:
-        part, is_fresh = parts.get(race_part, folder)
+        part, is_fresh = _part(service, parts, row, race_part)
     except ServiceError:
         raise
     except MercatorError as error:
         return fragment(f'<div {live}><p class="problem">{escaped_lines(error)}</p></div>')
-    if part is None:
-        return _again(fragment(f'<div {live}><p class="faint">Reading the race …</p></div>'))
-    if have == part.version:
+    if part is None and is_fresh:
+        answer: Response = fragment(f"<div {live}>{_without_race(row)}</div>")
+    elif part is None:
+        answer = fragment(f'<div {live}><p class="faint">Reading the race …</p></div>')
+    elif have == part.version:
         answer = Response(status_code=204)
     else:
-        best = "" if part.best is None else str(part.best)
-        answer = fragment(f'<div {live} data-best="{best}" data-have="{part.version}">{part.text}</div>')
+        answer = fragment(f'<div {live}{_best_runs(part)} data-have="{part.version}">{part.text}</div>')
     return answer if is_fresh else _again(answer)
 
 
 @router.get("/about")
 def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
     """What was asked and where the race comes from, for the page of a job."""
-    folder = service.store.run_folder(row.id)
-    live = f'id="about" data-live="{address(row, "/about")}"'
-    if not (folder / JOURNAL).exists():
-        return fragment(f"<div {live}></div>")
     try:
-        part, _ = parts.get(about_part, folder)
+        part, is_fresh = _part(service, parts, row, about_part)
     except ServiceError:
         raise
     except MercatorError:  # the race's part says it
-        return fragment(f"<div {live}></div>")
-    return _again(fragment(f"<div {live}></div>")) if part is None else fragment(f"<div {live}>{part.text}</div>")
+        part, is_fresh = None, True
+    answer = fragment(f'<div id="about" data-live="{address(row, "/about")}">{part.text if part else ""}</div>')
+    return answer if part or is_fresh else _again(answer)
 
 
-@router.get("/replays")
-def replays(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
-    """Replays of the winner, or of the best so far, as JSON for the viewer."""
-    part, is_fresh = parts.get(best_replays, service.store.run_folder(row.id))
-    if part is None:
-        return _again(Response("null", 202, media_type="application/json"))
-    answer = Response(part.text, media_type="application/json", headers={"Cache-Control": "no-store"})
-    return answer if is_fresh else _again(answer)
+def _part(service: Service, parts: Kept, row: Row, make: Callable[[Path], Part]) -> tuple[Part | None, bool]:
+    """A part of the page, and whether there is no newer one; without a part, whether the race has not begun."""
+    folder = service.store.run_folder(row.id)
+    return parts.get(make, folder) if (folder / JOURNAL).exists() else (None, True)
+
+
+def _best_runs(part: Part) -> str:
+    """The best and its runs, as attributes, for the replays; numbers of instances are too large for JavaScript."""
+    if part.best is None:
+        return ""
+    runs = [
+        {"label": f"{run.name}: {number(run.score)}", "seed": str(run.seed), "score": run.score} for run in part.runs
+    ]
+    return f' data-best="{part.best}" data-runs="{escaped(json.dumps(runs))}"'
 
 
 def _again(answer: Response) -> Response:

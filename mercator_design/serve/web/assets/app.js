@@ -1,20 +1,8 @@
 "use strict";
-// What all pages share: requests to the API, and their errors as text.
+// What all pages share: elements, requests to the service, and their errors as text.
 const Mercator = {
-  /** The answer of the API as data; throws an Error with a message for each mistake. */
-  async api(method, path, body, headers = {}) {
-    const options = { method, headers: { ...headers } };
-    if (body !== undefined) {
-      options.headers["Content-Type"] = "application/json";
-      options.body = JSON.stringify(body);
-    }
-    const answer = await fetch(`/api/v1${path}`, options);
-    const text = await answer.text();
-    let data = null;
-    try { data = text ? JSON.parse(text) : null; } catch { data = null; }
-    if (!answer.ok) throw new Error((data && data.errors ? data.errors : [`${answer.status} ${answer.statusText}`]).join("\n"));
-    return data;
-  },
+  at: (id) => document.getElementById(id),
+
   /** An element with attributes and children; texts become text. */
   make(name, attributes = {}, ...children) {
     const element = document.createElement(name);
@@ -25,4 +13,28 @@ const Mercator = {
     element.append(...children);
     return element;
   },
+
+  /** The answer to a request. Throws an Error with a message for each mistake, and the status; 0 without an answer. */
+  async request(method, address, body, headers = {}) {
+    const options = { method, headers: { ...headers } };
+    if (body !== undefined) {
+      options.headers["Content-Type"] = "application/json";
+      options.body = JSON.stringify(body);
+    }
+    const failed = (status, messages) => Object.assign(new Error(messages.join("\n")), { status });
+    let answer;
+    try { answer = await fetch(address, options); } catch { throw failed(0, ["The service does not answer."]); }
+    if (answer.ok) return answer;
+    const problem = await answer.json().catch(() => null); // a proxy may say something else
+    throw failed(answer.status, problem?.errors || [`${answer.status} ${answer.statusText}`]);
+  },
+
+  /** The answer of the API as data. */
+  async api(method, path, body, headers) {
+    const text = await (await Mercator.request(method, `/api/v1${path}`, body, headers)).text();
+    return text ? JSON.parse(text) : null;
+  },
+
+  /** An error, as an element. */
+  problem: (error) => Mercator.make("p", { class: "problem", role: "alert" }, error.message),
 };

@@ -1,8 +1,7 @@
 "use strict";
 // The comparison of designs. The address of the page has all that it shows, so it can be kept and sent.
 (() => {
-  const { api, make } = Mercator;
-  const at = (id) => document.getElementById(id);
+  const { api, at, make } = Mercator;
   const SIDE_BY_SIDE = 3;
   const most = Number(at("chosen").dataset.most);
   let chosen = []; // { kind: job | design | fsm, value }

@@ -1,8 +1,7 @@
 "use strict";
 // The FSM editor. The machine that is drawn is `machine`; the service checks it after each change, and draws it.
 (() => {
-  const { api, make } = Mercator;
-  const at = (id) => document.getElementById(id);
+  const { api, at, make } = Mercator;
   const KEPT = `mercator.fsm.${at("setting").dataset.user}`; // in the browser's storage
   const MOST = { history: 100 };
 

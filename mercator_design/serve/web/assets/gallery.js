@@ -1,10 +1,10 @@
 "use strict";
 // The gallery: diagrams are drawn when their cards come into view.
 (() => {
-  const { api, make } = Mercator;
+  const { api, at, make } = Mercator;
   const cards = [...document.querySelectorAll(".card")];
   const pathOf = ({ dataset: { kind, id } }) => `/${kind}s/${encodeURIComponent(id)}`;
-  const viewer = document.getElementById("viewer"), stage = document.getElementById("replay");
+  const viewer = at("viewer"), stage = at("replay");
 
   async function draw(card) {
     const place = card.querySelector(".diagram");
@@ -44,7 +44,7 @@
     seen.observe(card);
     card.querySelector("[data-replay]").addEventListener("click", () => replay(card));
     card.querySelector("[data-compare]").addEventListener("change", () => {
-      document.getElementById("compare").disabled = chosen().length < 2 || chosen().length > 6;
+      at("compare").disabled = chosen().length < 2 || chosen().length > 6;
     });
     const change = (selector, action) => {
       const button = card.querySelector(selector);
@@ -67,9 +67,9 @@
       card.remove();
     });
   }
-  document.getElementById("compare").addEventListener("click", () => {
+  at("compare").addEventListener("click", () => {
     location.href = `/compare?${new URLSearchParams(chosen().map((card) => [card.dataset.kind, card.dataset.id]))}`;
   });
-  document.getElementById("close").addEventListener("click", () => viewer.close());
+  at("close").addEventListener("click", () => viewer.close());
   viewer.addEventListener("close", () => stage.player && stage.player.pause());
 })();

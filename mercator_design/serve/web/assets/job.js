@@ -1,9 +1,9 @@
 "use strict";
 // The page of a job: follows its race by its events, changes it, replays its best.
 (() => {
-  const root = document.getElementById("job");
+  const { api, at, make } = Mercator;
+  const root = at("job");
   const path = root.dataset.api.replace("/api/v1", "");
-  const now = () => document.getElementById("now");
 
   // ---- Following ----
   const EVERY = { now: 1000, race: 2000 }; // milliseconds between two refreshes of a part
@@ -27,8 +27,8 @@
   };
   const follow = () => {
     close();
-    if (document.hidden || now().dataset.ended === "true") return;
-    source = new EventSource(`${root.dataset.api}/events?after=${now().dataset.place}`);
+    if (document.hidden || at("now").dataset.ended === "true") return;
+    source = new EventSource(`${root.dataset.api}/events?after=${at("now").dataset.place}`);
     for (const kind of COUNTS) source.addEventListener(kind, () => soon("now"));
     for (const kind of TURNS)
       source.addEventListener(kind, () => {
@@ -54,7 +54,7 @@
   document.addEventListener("changed", again);
 
   // ---- Changes ----
-  document.getElementById("change")?.addEventListener("submit", async (event) => {
+  at("change")?.addEventListener("submit", async (event) => {
     event.preventDefault();
     const form = event.target;
     const body = { priority: Number(form.priority.value) };
@@ -69,59 +69,52 @@
   });
 
   // ---- The replay of the best ----
-  const watch = document.getElementById("watch");
-  const shown = document.getElementById("shown");
+  const [watch, shown, stage] = ["watch", "shown", "stage"].map(at);
   let showing = null; // the number of the configuration
+  let players = []; // of its runs
   const named = () => {
-    const { best } = document.getElementById("race").dataset;
-    document.getElementById("replay").hidden = !best && showing === null;
-    const isEnded = now().dataset.state === "succeeded";
+    const { best } = at("race").dataset;
+    at("replay").hidden = !best && showing === null;
+    const isEnded = at("now").dataset.state === "succeeded";
     watch.hidden = !best || best === showing;
     watch.textContent = showing === null ? (isEnded ? "Replay the winner" : "Replay the best so far") : "Replay the new best";
   };
   watch.addEventListener("click", async () => {
-    watch.disabled = true;
-    shown.textContent = "Running it again …";
-    try {
-      let answer = await fetch(`/jobs/${encodeURIComponent(root.dataset.id)}/replays`);
-      for (let k = 0; k < 60 && answer.status === 202; k++) {
-        await new Promise((done) => setTimeout(done, 500));
-        answer = await fetch(`/jobs/${encodeURIComponent(root.dataset.id)}/replays`);
-      }
-      const found = await answer.json();
-      if (!answer.ok) throw new Error(found.errors.join("\n"));
-      if (found.without) throw new Error(found.without);
-      play(found);
-    } catch (error) {
-      shown.textContent = error.message;
-    }
-    watch.disabled = false;
-  });
-  const play = (found) => {
-    const runs = document.getElementById("runs");
-    const stage = document.getElementById("stage");
+    const { best, runs } = at("race").dataset;
+    const found = JSON.parse(runs);
     const stages = [];
-    const players = [];
+    players.forEach((player) => player.pause());
+    const own = (players = []);
     const show = async (chosen) => {
       tabs.forEach((tab, k) => tab.setAttribute("aria-pressed", String(k === chosen)));
-      players.forEach((player, k) => k !== chosen && player.pause());
+      own.forEach((player, k) => k !== chosen && player.pause());
       stages.forEach((one, k) => (one.hidden = k !== chosen));
-      if (!stages[chosen]) {
-        stages[chosen] = stage.appendChild(Mercator.make("div", { class: "stage" }));
-        const inner = stages[chosen].appendChild(document.createElement("div"));
-        players[chosen] = await MercatorReplay.mount(inner, [found.replays[chosen].replay]);
+      if (stages[chosen]) return;
+      const { seed, score } = found[chosen];
+      const place = (stages[chosen] = stage.appendChild(make("div", { class: "stage" })));
+      shown.textContent = "Running it again …";
+      try {
+        const [replay] = await api("GET", `${path}/replay?seed=${seed}`);
+        if (replay.header.score !== score)
+          throw new Error("It has another score now: there is a new best, or the simulator has another version.");
+        own[chosen] = await MercatorReplay.mount(place.appendChild(make("div")), [replay]);
+        shown.textContent = `Configuration ${best}, on instances of the race.`;
+      } catch (error) {
+        delete stages[chosen];
+        place.remove();
+        shown.textContent = error.message;
       }
-      window.player = players[chosen];
     };
-    const tabs = found.replays.map((one, k) => Mercator.make("button", { type: "button", onclick: () => show(k) }, one.name));
-    window.player?.pause();
+    const tabs = found.map(({ label }, k) => make("button", { type: "button", onclick: () => show(k) }, label));
     stage.replaceChildren();
-    runs.replaceChildren(...tabs);
-    shown.textContent = `Configuration ${found.best}, on instances of the race.`;
-    showing = String(found.best);
+    at("runs").replaceChildren(...tabs);
+    watch.disabled = true;
+    await show(0);
+    watch.disabled = false;
+    if (!own[0]) return;
+    showing = best;
     named();
-    show(0);
-  };
+  });
 
   document.addEventListener("htmx:after:swap", named);
   named();

@@ -3,58 +3,48 @@
 // changed where they differ, so focus, open details and the place in the page stay. Hidden tabs do not ask.
 const Live = (() => {
   const asked = new Map(); // by id: when, and whether an answer is awaited
-  const told = document.getElementById("told");
+  const { at, make } = Mercator;
+  const told = at("told");
 
-  const tell = (text, isBad = true) => {
-    if (!told || told.textContent === text) return;
+  const tell = (text, isBad = true, isLost = false) => {
+    if (!told) return;
+    told.toggleAttribute("data-lost", isLost);
+    if (told.textContent === text) return;
     told.className = isBad ? "problem" : "faint";
     told.textContent = text;
   };
 
-  /** Ask for a part once more; its answer, or null. */
+  /** Ask for a part once more. */
   const refresh = async (id) => {
-    const element = document.getElementById(id);
+    const element = at(id);
     const state = asked.get(id) || {};
-    if (!element || !element.dataset.live) return null;
+    if (!element || !element.dataset.live) return;
     if (state.isAwaited) {
       state.again = true;
-      return null;
+      return;
     }
     asked.set(id, Object.assign(state, { isAwaited: true, again: false, time: Date.now() }));
     const address = element.dataset.live;
     const have = element.dataset.have ? `?have=${element.dataset.have}` : "";
-    let answer = null;
+    let wait = null;
     try {
-      answer = await fetch(address + have, { cache: "no-store", headers: { "HX-Request": "true" } });
-      if (answer.status === 401) location.reload();
-      else if (answer.status === 404) tell("This is gone, or no longer shown to you.");
-      else if (!answer.ok) tell(await problem(answer));
-      else {
-        if (told && told.dataset.lost) tell("");
-        if (answer.status !== 204) {
-          const text = await answer.text();
-          if (element.dataset.live === address)
-            await htmx.swap({ sourceElement: element, target: element, text, swap: "outerMorph" });
-        }
+      const answer = await Mercator.request("GET", address + have, undefined, { "HX-Request": "true" });
+      if (told && told.hasAttribute("data-lost")) tell("");
+      if (answer.status !== 204) {
+        const text = await answer.text();
+        if (element.dataset.live === address)
+          await htmx.swap({ sourceElement: element, target: element, text, swap: "outerMorph" });
       }
-      if (told) delete told.dataset.lost;
-    } catch {
-      tell("The service does not answer; this page tries again.");
-      if (told) told.dataset.lost = "true";
-      answer = null;
+      if (answer.headers.has("X-Again")) wait = 2500;
+    } catch (error) {
+      if (error.status === 401) location.reload();
+      else if (error.status === 404) tell("This is gone, or no longer shown to you.");
+      else if (error.status) tell(error.message);
+      else tell("The service does not answer; this page tries again.", true, true);
     }
     state.isAwaited = false;
-    if (answer && answer.headers.has("X-Again")) setTimeout(refresh, 2500, id);
-    else if (state.again) setTimeout(refresh, 500, id);
-    return answer;
-  };
-
-  const problem = async (answer) => {
-    try {
-      return (await answer.json()).errors.join("\n");
-    } catch {
-      return `${answer.status} ${answer.statusText}`;
-    }
+    if (wait === null && state.again) wait = 500;
+    if (wait !== null) setTimeout(refresh, wait, id);
   };
 
   const look = () => {
@@ -73,9 +63,9 @@ const Live = (() => {
   /** Whether the user says yes. */
   const confirmed = (question) =>
     new Promise((done) => {
-      const yes = Mercator.make("button", { class: "danger", value: "yes" }, "Yes");
-      const form = Mercator.make("form", { method: "dialog", class: "actions" }, yes, Mercator.make("button", { value: "no" }, "No"));
-      const dialog = Mercator.make("dialog", { "aria-label": "Are you sure?" }, Mercator.make("p", {}, question), form);
+      const yes = make("button", { class: "danger", value: "yes" }, "Yes");
+      const form = make("form", { method: "dialog", class: "actions" }, yes, make("button", { value: "no" }, "No"));
+      const dialog = make("dialog", { "aria-label": "Are you sure?" }, make("p", {}, question), form);
       dialog.addEventListener("close", () => {
         dialog.remove();
         done(dialog.returnValue === "yes");
@@ -107,14 +97,14 @@ const Live = (() => {
     const isDone = await act(method, path);
     button.ariaBusy = null;
     if (isDone && method === "DELETE") location.assign("/");
-    const list = document.getElementById("jobs");
+    const list = at("jobs");
     if (list) await refresh("jobs");
     if (document.activeElement === document.body && place) place.querySelector("button, a")?.focus();
   });
 
   // The address of the page is that of the list as it is shown.
   document.addEventListener("htmx:after:swap", () => {
-    const query = document.getElementById("jobs")?.dataset.live.replace(/^[^?]*\??/, "");
+    const query = at("jobs")?.dataset.live.replace(/^[^?]*\??/, "");
     if (query !== undefined && query !== location.search.slice(1)) history.replaceState(null, "", query ? `/?${query}` : "/");
   });
 

@@ -1,8 +1,7 @@
 "use strict";
 // The page of a new job: the editor of its mission, what the service says of it, and its submission.
 (() => {
-  const { make, api } = Mercator;
-  const at = (name) => document.getElementById(name);
+  const { api, at, make } = Mercator;
   const form = at("new");
   const initial = at("text").value;
   const place = `mercator.new.${form.dataset.user}.${form.dataset.start}`;
@@ -227,10 +226,7 @@
   // The picture.
   const drawing = latest(
     async (body) => {
-      const answer = await fetch("/api/v1/missions/preview", {
-        method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ ...body, kind: "png" }),
-      });
-      if (!answer.ok) throw new Error((await answer.json()).errors.join("\n"));
+      const answer = await Mercator.request("POST", "/api/v1/missions/preview", { ...body, kind: "png" });
       const reader = new FileReader();
       reader.readAsDataURL(await answer.blob());
       return new Promise((done, failed) => { reader.onload = () => done(reader.result); reader.onerror = failed; });

@@ -19,9 +19,6 @@ Object.assign(Mercator, {
     return { [choice.slice(0, at)]: choice.slice(at + 1) };
   },
 
-  /** Show errors, a line each. */
-  problem: (error) => Mercator.make("p", { class: "problem", role: "alert" }, error.message || String(error)),
-
   /** What an evaluation says of the first design, in sentences. */
   verdicts({ fsms, pairs, direction, runs }) {
     const sign = direction === "maximise" ? 1 : -1;

@@ -127,7 +127,7 @@ def _settings(limit: int, request: Request) -> Html:
         for name, budget in _BUDGETS.items()
         if budget <= limit
     )
-    budget = _number("budget", "Budget: maximum number of experiments", request.budget, 1, limit)
+    budget = _number("budget", "Budget (number of experiments)", request.budget, 1, limit)
     fields = (
         _choice("method", "Method", METHODS, request.method),
         _choice("flavour", "Flavour of modules", FLAVOURS, request.flavour),

@@ -11,17 +11,17 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from dataclasses import replace
 
 from mercator_design.errors import MercatorError, RaceError, described
 from mercator_design.race.running.journal import is_locked, now
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, Row
 from mercator_design.serve.jobs.job import ENDED, Job
-from mercator_design.serve.jobs.processes import RaceProcess, last_error
+from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus, length_of
 from mercator_design.serve.jobs.rows import is_of, row_of_folder, row_of_job
+from mercator_design.serve.jobs.running import Running
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
 from mercator_design.serve.settings import ServiceError, Settings
@@ -34,50 +34,11 @@ _READ = 1.0
 """Seconds between two looks at the journal of a race, for its row."""
 _GRACE = 30.0
 """Seconds after which a process that was asked to stop is killed."""
-_MAX_DEATHS = 3
-"""Deaths of a job's process without progress after which the job fails."""
-_INTERRUPTED = (75, 130)
-"""Exit codes of a race that can be resumed."""
 _RETRY = 5.0
 """Seconds that a job waits at least."""
 _OTHERS = 3.0
 """Seconds between two looks at run folders that processes of others may run."""
-_FULL = "No space left on device"
 _MB = 1_000_000
-
-Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
-
-
-@dataclass(slots=True)
-class _Run:
-    """A race that a process of ours runs.
-
-    budget: With which the process was started; the job's may have been extended since.
-    """
-
-    job: Job
-    process: RaceProcess
-    status: RaceStatus
-    started: float
-    budget: int
-    read: float = -math.inf  # when its journal was looked at
-    stopped_for: Why = ""
-    stopped_at: float = 0.0
-
-    def stop(self, why: Why, clock: float) -> None:
-        if not self.stopped_for:
-            self.stopped_for, self.stopped_at = why, clock
-            self.process.interrupt()
-
-    def seconds(self, clock: float) -> float:
-        """That the job's races have run, with this one."""
-        return round(self.job.seconds + clock - self.started, 1)
-
-    @property
-    def message(self) -> str:
-        """What it is about to do."""
-        stops = {"wish": f"stopping, to {self.job.wish}", "disk": "stopping: the disk is nearly full"}
-        return stops.get(self.stopped_for, "")
 
 
 class Supervisor:
@@ -105,7 +66,7 @@ class Supervisor:
         self._store, self._index, self._settings = store, index, settings
         self._launch, self._clock = launch, clock
         self._free = free or (lambda: shutil.disk_usage(store.data).free)
-        self._runs: dict[str, _Run] = {}
+        self._runs: dict[str, Running] = {}
         self._held: dict[str, tuple[str, float]] = {}  # jobs that wait: for what, and until when at least
         self._deaths: dict[str, tuple[int, int]] = {}  # by job: deaths without progress, experiments at the last one
         self._served: dict[str, int] = {}
@@ -244,7 +205,7 @@ class Supervisor:
             with self._going_on("*"):
                 self._index.tell_queued(self.shortage)
 
-    def _look_at(self, run: _Run) -> None:
+    def _look_at(self, run: Running) -> None:
         clock = self._clock()
         if (code := run.process.poll()) is not None:
             self._end(run, code)
@@ -264,11 +225,8 @@ class Supervisor:
             run.read = clock
             self._note_progress(run, clock)
 
-    def _note_progress(self, run: _Run, clock: float) -> None:
-        try:
-            run.status.read_on()
-        except RaceError as error:  # the race itself reports it
-            _log.warning("%s", error)
+    def _note_progress(self, run: Running, clock: float) -> None:
+        run.read_on()
         self._index.change(
             run.job.id,
             experiments=len(run.status.record.experiments),
@@ -278,19 +236,16 @@ class Supervisor:
             message=run.message,
         )
 
-    def _end(self, run: _Run, code: int) -> None:
+    def _end(self, run: Running, code: int) -> None:
         """Note the end of a process."""
         identity = run.job.id
         job = run.job = self._store.read(identity)
         run.status = RaceStatus(run.status.folder)
-        try:
-            run.status.read_on()
-        except RaceError as error:
-            _log.warning("%s", error)
+        run.read_on()
         is_finished = run.status.is_finished(job.request.budget)
         deaths = self._deaths_of(run) if code < 0 else (0, -1)
-        held = "" if is_finished else self._wait(run, code)
-        failure = "" if is_finished or held else self._failure(run, code, deaths[0])
+        held = "" if is_finished else run.wait(code, self.shortage)
+        failure = "" if is_finished or held else run.failure(code, deaths[0], self._settings.limits.hours)
         ended = now() if is_finished or failure or job.wish == "cancel" else ""
         try:
             self._store.update(identity, seconds=run.seconds(self._clock()), failure=failure, ended=ended)
@@ -306,34 +261,11 @@ class Supervisor:
         row = self.refresh(identity)
         _log.info("job %s: %s (its process ended with code %d)", identity, row.state if row else "gone", code)
 
-    def _deaths_of(self, run: _Run) -> tuple[int, int]:
+    def _deaths_of(self, run: Running) -> tuple[int, int]:
         """The deaths of a job's processes without progress, with the last one, and the experiments at that time."""
         done = len(run.status.record.experiments)
         deaths, before = self._deaths.get(run.job.id, (0, -1))
         return (deaths + 1 if done == before else 1), done
-
-    def _wait(self, run: _Run, code: int) -> str:
-        """What a job waits for whose process has ended before its race; empty if it does not wait."""
-        if run.stopped_for == "disk":
-            return self.shortage or "waits until there is space on the disk"
-        if not run.stopped_for and code > 0 and _FULL in self._error(run):
-            return "waits until there is space on the disk"
-        return ""
-
-    def _failure(self, run: _Run, code: int, deaths: int) -> str:
-        """Why a job fails whose process has ended before its race; empty if it goes on."""
-        if run.stopped_for == "time":
-            return f"it has run for {self._settings.limits.hours:g} h, the limit of this service; resume it to go on"
-        if run.stopped_for or code in _INTERRUPTED:
-            return ""
-        if code < 0:
-            return f"its process was killed {deaths} times, by signal {-code}" if deaths >= _MAX_DEATHS else ""
-        if code == 0 and run.budget < run.job.request.budget and run.status.is_finished(run.budget):
-            return ""  # the budget was extended while it ran
-        return self._error(run) or f"its process ended with code {code}"
-
-    def _error(self, run: _Run) -> str:
-        return last_error(self._store.folder(run.job.id) / OUTPUT)
 
     def _look_at_others(self) -> None:
         """Run folders of no job come, grow and go; jobs may run in processes of a service that was killed."""
@@ -378,7 +310,9 @@ class Supervisor:
             self.refresh(identity)
             return False
         self._served[job.owner] = max(self._served.values(), default=-1) + 1
-        self._runs[identity] = _Run(job, process, RaceStatus(folder), self._clock(), job.request.budget)
+        self._runs[identity] = Running(
+            job, process, RaceStatus(folder), self._store.folder(identity) / OUTPUT, self._clock(), job.request.budget
+        )
         self.refresh(identity)
         _log.info("job %s: started", identity)
         return True

@@ -1,0 +1,95 @@
+"""A race that a process of ours runs: why it is stopped, and what its end means for its job."""
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from mercator_design.errors import RaceError
+from mercator_design.serve.jobs.job import Job
+from mercator_design.serve.jobs.processes import RaceProcess, last_error
+from mercator_design.serve.jobs.races import RaceStatus
+
+_log = logging.getLogger(__name__)
+
+_MAX_DEATHS = 3
+"""Deaths of a job's process without progress after which the job fails."""
+_INTERRUPTED = (75, 130)
+"""Exit codes of a race that can be resumed."""
+_FULL = "No space left on device"
+
+Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
+
+
+@dataclass(slots=True)
+class Running:
+    """A race that a process of ours runs.
+
+    output: The file of its messages.
+    budget: With which the process was started; the job's may have been extended since.
+    """
+
+    job: Job
+    process: RaceProcess
+    status: RaceStatus
+    output: Path
+    started: float
+    budget: int
+    read: float = -math.inf  # when its journal was looked at
+    stopped_for: Why = ""
+    stopped_at: float = 0.0
+
+    def stop(self, why: Why, clock: float) -> None:
+        """Ask it to stop, unless it was asked before."""
+        if not self.stopped_for:
+            self.stopped_for, self.stopped_at = why, clock
+            self.process.interrupt()
+
+    def seconds(self, clock: float) -> float:
+        """That the job's races have run, with this one."""
+        return round(self.job.seconds + clock - self.started, 1)
+
+    @property
+    def message(self) -> str:
+        """What it is about to do."""
+        stops = {"wish": f"stopping, to {self.job.wish}", "disk": "stopping: the disk is nearly full"}
+        return stops.get(self.stopped_for, "")
+
+    def read_on(self) -> None:
+        """Read what is new in its journal; the race itself reports what is wrong there."""
+        try:
+            self.status.read_on()
+        except RaceError as error:
+            _log.warning("%s", error)
+
+    def wait(self, code: int, shortage: str) -> str:
+        """What its job waits for, when the process has ended before the race; empty if it does not wait.
+
+        Args:
+            code: The exit code.
+            shortage: What all jobs wait for.
+        """
+        if self.stopped_for == "disk":
+            return shortage or "waits until there is space on the disk"
+        if not self.stopped_for and code > 0 and _FULL in last_error(self.output):
+            return "waits until there is space on the disk"
+        return ""
+
+    def failure(self, code: int, deaths: int, hours: float) -> str:
+        """Why its job fails, when the process has ended before the race; empty if it goes on.
+
+        Args:
+            code: The exit code; negative: the signal that has killed it.
+            deaths: Of processes of the job without progress.
+            hours: That a job may run.
+        """
+        if self.stopped_for == "time":
+            return f"it has run for {hours:g} h, the limit of this service; resume it to go on"
+        if self.stopped_for or code in _INTERRUPTED:
+            return ""
+        if code < 0:
+            return f"its process was killed {deaths} times, by signal {-code}" if deaths >= _MAX_DEATHS else ""
+        if code == 0 and self.budget < self.job.request.budget and self.status.is_finished(self.budget):
+            return ""  # the budget was extended while it ran
+        return last_error(self.output) or f"its process ended with code {code}"

@@ -179,7 +179,7 @@ def _now(service: Service, user: User, row: Row) -> Html:
 
 def _design(service: Service, row: Row) -> str:
     """The link that downloads the winner."""
-    if FSM not in files_of(service.store.run_folder(row.id)):
+    if row.state not in ENDED or FSM not in files_of(service.store.run_folder(row.id)):
         return ""
     to = api_address(row, f"/files/{FSM}")
     return f'<a class="button main" href="{to}" download="{FSM}">Download {FSM}</a>'

@@ -2,12 +2,14 @@
 
 import errno
 import json
+import os
 import shutil
 import sqlite3
 
 import pytest
 
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
+from mercator_design.serve.jobs.races import check_place
 from mercator_design.serve.settings import Limits
 from tests.serve.races import BUDGET, House, locked
 
@@ -272,12 +274,11 @@ def test_disk_full_and_space_again(furnished):
     assert house.started == [running, running]
 
 
-def test_a_race_that_finds_the_disk_full_waits(house):
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_race_that_finds_the_disk_full_waits(house, number):
     job = house.submit()
     house.tick()
-    (house.store.folder(job) / "output.txt").write_text(
-        "Error: x: results cannot be written: No space left on device\n"
-    )
+    (house.store.folder(job) / "output.txt").write_text(f"Error: x: results cannot be written: {os.strerror(number)}\n")
     house.end(job, 1)
     row = house.row(job)
     assert (row.state, row.message) == ("paused", "waits until there is space on the disk")
@@ -387,6 +388,8 @@ def test_jobs_of_a_user_are_limited(furnished):
     house.submit()
     with pytest.raises(LimitReached, match="budget: expected at most 100, found 101"):
         house.submit("cid", budget=101)
+    with pytest.raises(LimitReached, match="test_runs: expected at most 100, found 101"):
+        house.submit(budget=60, test_runs=101)
 
 
 def test_delete(house):
@@ -451,6 +454,33 @@ def test_a_damaged_job_does_not_hold_up_others(furnished):
     assert house.state(running) == "succeeded"
     house.crash()
     assert house.state(waiting) == "failed"
+
+
+def test_a_job_that_is_damaged_while_it_runs_gives_its_place_to_others(house):
+    damaged, other = house.submit(), house.submit()
+    house.tick()
+    (house.store.folder(damaged) / "job.json").write_text("{")
+    house.tick()
+    assert house.state(damaged) == "running"
+    house.finish(damaged)
+    house.tick()
+    assert (house.state(damaged), house.row(damaged).message) == ("failed", "the file of this job is damaged")
+    assert house.started == [damaged, other]
+
+
+@pytest.mark.parametrize("is_read", [False, True])
+def test_a_pipe_in_place_of_a_journal_holds_up_nothing(house, raced, is_read):
+    folder = house.data / "old"
+    shutil.copytree(raced, folder)
+    if is_read:
+        house.tick()
+    (folder / "journal.jsonl").unlink()
+    os.mkfifo(folder / "journal.jsonl")
+    house.tick(10)
+    assert house.state("old") == "failed"
+    assert "found a folder, device or pipe" in house.row("old").message
+    with pytest.raises(ValueError, match="expected the place of an event"):
+        check_place(folder / "journal.jsonl", 100)
 
 
 def test_a_damaged_journal_fails_its_job_alone(house):

@@ -13,6 +13,7 @@ from starlette.testclient import TestClient
 from mercator_design.serve.app import guarded
 from mercator_design.serve.http import server
 from mercator_design.serve.http.server import PatientProtocol, listening
+from mercator_design.serve.service import Service
 
 
 def test_health_and_readiness(client):
@@ -54,14 +55,11 @@ def test_figures_are_in_the_format_of_prometheus(client, service):
     assert values["mercator_free_disk_bytes"] > 0
 
 
-def test_figures_need_a_login_when_there_are_users(service):
-    token = service.accounts.users.add("prometheus")
-    try:
-        with TestClient(guarded(service), base_url="http://localhost") as client:
-            assert client.get("/metrics").status_code == 401
-            assert client.get("/metrics", headers={"authorization": f"Bearer {token}"}).status_code == 200
-    finally:
-        service.accounts.users.file.unlink()
+def test_figures_need_a_login_when_there_are_users(tmp_path, idle_races):
+    with Service(tmp_path) as service, TestClient(guarded(service), base_url="http://localhost") as client:
+        token = service.accounts.users.add("prometheus")
+        assert client.get("/metrics").status_code == 401
+        assert client.get("/metrics", headers={"authorization": f"Bearer {token}"}).status_code == 200
 
 
 def test_a_submission_is_audited_with_its_job(client, service):
@@ -120,3 +118,29 @@ class TestServer:
         found = talk(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"GET / HTTP/1.1\r\n")
         assert found.count(b"HTTP/1.1 200 OK") == 1
         assert found.endswith(b"hello")
+
+    def test_who_only_connects_keeps_nobody_out(self):
+        async def app(scope, receive, send):
+            await PlainTextResponse("hello")(scope, receive, send)
+
+        async def crowd():
+            with listening("127.0.0.1", 0) as listener:
+                config = uvicorn.Config(
+                    app, http=PatientProtocol, ws="none", log_level="critical", lifespan="off", limit_concurrency=3
+                )
+                running = uvicorn.Server(config)
+                running.capture_signals = contextlib.nullcontext
+                task = asyncio.create_task(running.serve([listener]))
+                opened, answers = [], []
+                for _ in range(5):
+                    reader, writer = await asyncio.open_connection(*listener.getsockname())
+                    opened.append(writer)
+                    writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                    answers.append((await reader.readuntil(b"hello")).split(b"\r\n")[0])
+                for writer in opened:
+                    writer.close()
+                running.should_exit = True
+                await task
+                return answers
+
+        assert asyncio.run(crowd()) == 5 * [b"HTTP/1.1 200 OK"]

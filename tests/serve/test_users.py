@@ -152,7 +152,9 @@ def test_a_service_sees_changes_of_another_process(users, tmp_path, clock):
     other.revoke("ana")
     assert users.verified(token) is None
     users.file.unlink()
-    assert not users.accounts()
+    with pytest.raises(ServiceError, match=r"users\.json: is gone"):
+        users.accounts()
+    assert not Users(tmp_path, clock.now).accounts()
 
 
 @pytest.mark.parametrize(

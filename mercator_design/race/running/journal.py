@@ -258,7 +258,7 @@ class Journal:
 def is_locked(path: Path) -> bool:
     """Whether a process has locked a journal."""
     try:
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # opening a pipe would wait
     except OSError:
         return False
     try:

@@ -276,6 +276,8 @@ class Users:
             found = self.file.stat()
             stamp = (found.st_mtime_ns, found.st_ino, found.st_size)
         except FileNotFoundError:
+            if self._reading.stamp is not None:  # a service that has had users does not open to everybody
+                raise ServiceError(f"{self.file}: is gone") from None
             stamp = None
         except OSError as error:
             raise ServiceError(f"{self.file}: cannot be read: {error.strerror}") from None

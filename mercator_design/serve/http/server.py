@@ -75,7 +75,10 @@ class _Server(uvicorn.Server):
 
 
 class PatientProtocol(H11Protocol):
-    """HTTP that does not wait for ever for the headers of a request."""
+    """HTTP that does not wait for ever for the headers of a request.
+
+    Of too many connections, the one that has waited longest is closed: who only connects keeps nobody out.
+    """
 
     _waiting: asyncio.TimerHandle | None = None
 
@@ -83,6 +86,8 @@ class PatientProtocol(H11Protocol):
         """Wait for the first request."""
         super().connection_made(transport)
         self._wait()
+        if self.limit_concurrency is not None and len(self.connections) >= self.limit_concurrency:
+            self._make_room()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Wait no longer."""
@@ -98,8 +103,25 @@ class PatientProtocol(H11Protocol):
     def _wait(self) -> None:
         if self._waiting is not None:
             self._waiting.cancel()
-        self._waiting = self.loop.call_later(_HEADER_SECONDS, self._give_up)
+        self._waiting = self.loop.call_later(_HEADER_SECONDS, self.give_up)
 
-    def _give_up(self) -> None:
-        if (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing():
+    def _make_room(self) -> None:
+        """Close the connection that has waited longest for a request, this one excepted."""
+        others = [one for one in self.connections if isinstance(one, PatientProtocol) and one.is_waiting]
+        longest = min(others, key=PatientProtocol.patience)
+        if longest is not self:
+            longest.give_up()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it waits for a request."""
+        return (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing()
+
+    def patience(self) -> float:
+        """The time until which it waits for a request."""
+        return self._waiting.when() if self._waiting is not None else 0.0
+
+    def give_up(self) -> None:
+        """Close the connection if it waits for a request."""
+        if self.is_waiting:
             self.transport.close()

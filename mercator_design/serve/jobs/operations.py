@@ -51,6 +51,7 @@ class Operations:
             if key and (row := self._index.submitted(owner, key)) is not None:
                 return self.same(row, request, text)
             self._check_budget(request.budget)
+            self._check_budget(request.test_runs, "test_runs")
             counts = self._index.counts(owner)
             if (n := sum(counts.get(state, 0) for state in _OPEN)) >= self._limits.jobs:
                 raise LimitReached(
@@ -168,9 +169,9 @@ class Operations:
         self._supervisor.wake()
         return changed or row
 
-    def _check_budget(self, budget: int) -> None:
-        if budget > self._limits.budget:
-            raise LimitReached(f"budget: expected at most {self._limits.budget}, found {budget}")
+    def _check_budget(self, experiments: int, key: str = "budget") -> None:
+        if experiments > self._limits.budget:
+            raise LimitReached(f"{key}: expected at most {self._limits.budget}, found {experiments}")
 
     def _expect(self, identity: str, what: str, states: Collection[State]) -> Row:
         row = self._index.get(identity)

@@ -1,7 +1,9 @@
 """A race that a process of ours runs: why it is stopped, and what its end means for its job."""
 
+import errno
 import logging
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -17,7 +19,7 @@ _MAX_DEATHS = 3
 """Deaths of a job's process without progress after which the job fails."""
 _INTERRUPTED = (75, 130)
 """Exit codes of a race that can be resumed."""
-_FULL = "No space left on device"
+_FULL = tuple(map(os.strerror, (errno.ENOSPC, errno.EDQUOT)))
 
 Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
 
@@ -72,7 +74,7 @@ class Running:
         """
         if self.stopped_for == "disk":
             return shortage or "waits until there is space on the disk"
-        if not self.stopped_for and code > 0 and _FULL in last_error(self.output):
+        if not self.stopped_for and code > 0 and any(one in last_error(self.output) for one in _FULL):
             return "waits until there is space on the disk"
         return ""
 

@@ -216,7 +216,7 @@ class Supervisor:
             run.stop("disk", clock)
         if run.stopped_for and clock - run.stopped_at > _GRACE:
             run.process.kill()
-        job = run.job = self._store.read(run.job.id)
+        job = self._job_of(run)
         if job.wish != "run":
             run.stop("wish", clock)
         elif run.seconds(clock) - job.granted > self._settings.limits.hours * 3600:
@@ -224,6 +224,12 @@ class Supervisor:
         if clock - run.read >= _READ:
             run.read = clock
             self._note_progress(run, clock)
+
+    def _job_of(self, run: Running) -> Job:
+        """The job of a race that runs; as it was, if its file was damaged since."""
+        with contextlib.suppress(ServiceError):
+            run.job = self._store.read(run.job.id)
+        return run.job
 
     def _note_progress(self, run: Running, clock: float) -> None:
         run.read_on()
@@ -239,7 +245,7 @@ class Supervisor:
     def _end(self, run: Running, code: int) -> None:
         """Note the end of a process."""
         identity = run.job.id
-        job = run.job = self._store.read(identity)
+        job = self._job_of(run)
         run.status = RaceStatus(run.status.folder)
         run.read_on()
         is_finished = run.status.is_finished(job.request.budget)
@@ -249,6 +255,8 @@ class Supervisor:
         ended = now() if is_finished or failure or job.wish == "cancel" else ""
         try:
             self._store.update(identity, seconds=run.seconds(self._clock()), failure=failure, ended=ended)
+        except ServiceError as error:  # its file is damaged: its row will say so
+            _log.error("%s", error)
         except OSError:
             if not self._is_stopping:
                 raise  # the disk is full: this is tried again, and the job waits until then

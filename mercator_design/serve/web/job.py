@@ -21,7 +21,7 @@ from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY
 from mercator_design.serve.jobs.processes import last_messages
-from mercator_design.serve.jobs.races import end_of
+from mercator_design.serve.jobs.races import end_of, length_of
 from mercator_design.serve.jobs.store import OUTPUT
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
@@ -212,11 +212,11 @@ def _without_race(row: Row) -> str:
 
 def _place(service: Service, row: Row) -> int:
     """The place in the journal after which the page follows the race."""
-    try:
-        with (service.store.run_folder(row.id) / JOURNAL).open("rb") as journal:
-            return end_of(journal)
-    except OSError:
+    journal = service.store.run_folder(row.id) / JOURNAL
+    if not length_of(journal):  # as that of a pipe: opening one would wait
         return 0
+    with journal.open("rb") as file:
+        return end_of(file)
 
 
 def _changes(user: User, row: Row) -> Html:

@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 from starlette.responses import PlainTextResponse
 
-from mercator_design.serve.accounts import attempts
+from mercator_design.serve.accounts import attempts, refusals
 from mercator_design.serve.accounts import users as users_module
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.accounts.entrance import Entrance
@@ -471,6 +471,22 @@ class TestBodies:
         headers = JSON | {"content-length": "5"}
         assert ask(app, "POST", "/api/v1/jobs", headers, parts=(), received=never).status == 408
         assert not application.asked
+
+    def test_slow_logins_of_an_address_count_as_failed(self, guard, ana, accounts, monkeypatch):
+        async def never():
+            await asyncio.Event().wait()
+
+        form = {"content-type": "application/x-www-form-urlencoded", "content-length": "5"}
+        app = guard(body_seconds=0.01)
+        for _ in range(attempts.MOST):
+            assert not accounts.attempts.wait("192.0.2.1")
+            assert ask(app, "POST", "/login", form, parts=(), received=never).status == 408
+        assert accounts.attempts.wait("192.0.2.1")
+        monkeypatch.setattr(refusals, "LATE_SECONDS", 0.01)  # now they are not waited for as long
+        app = guard(body_seconds=600.0)
+        assert ask(app, "POST", "/login", form, parts=(), received=never).status == 408
+        assert ask(app, "POST", "/login", form, parts=(b"token",)).status == 200
+        assert not accounts.attempts.wait("192.0.2.2")
 
     def test_a_client_that_goes_gets_no_answer(self, guard, application):
         answer = ask(guard(), "POST", "/api/v1/jobs", JSON | {"content-length": "5"}, parts=())

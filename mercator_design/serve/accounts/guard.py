@@ -147,14 +147,24 @@ class Guard:
                 refusals.check_origin(scope, headers, has_cookie=visit.holder is not None)
             refusals.check_kind(headers, is_login=is_login)
         if visit.method not in SAFE or refusals.has_body(headers):
-            most = refusals.MAX_FORM if visit.path == LOGIN else refusals.MAX_BODY
-            body = await refusals.read_body(receive, headers, most, self._body_seconds, self._clock)
+            body = await self._body(visit, receive)
             visit.is_read = True
             receive = refusals.replayed(body, receive)
         if visit.method == "GET" and self._openings.is_stream(visit.path):
             await self._stream(visit, receive)
         else:
             await self._app(scope, receive, visit.send)
+
+    async def _body(self, visit: "_Visit", receive: Receive) -> bytes:
+        """The body of a request. A login counts as failed until its body is there, so few slow ones are waited for."""
+        if visit.path != LOGIN:
+            return await refusals.read_body(receive, visit.headers, refusals.MAX_BODY, self._body_seconds, self._clock)
+        attempts, address = self._accounts.attempts, address_of(visit.scope)
+        seconds = refusals.LATE_SECONDS if attempts.wait(address) else self._body_seconds
+        attempts.count(address)
+        body = await refusals.read_body(receive, visit.headers, refusals.MAX_FORM, seconds, self._clock)
+        attempts.forgive(address)
+        return body
 
     async def _identify(self, visit: "_Visit") -> None:
         """Find the user of a request, by token or session."""

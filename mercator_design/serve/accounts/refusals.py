@@ -16,6 +16,8 @@ MAX_FORM = 4096
 """Bytes of the form of a login."""
 BODY_SECONDS = 30.0
 """Seconds in which a body has to come."""
+LATE_SECONDS = 1.0
+"""As BODY_SECONDS, for the login of an address with too many failures."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _MAX_HEADERS, _MAX_HEADER_BYTES, _MAX_TARGET = 100, 16_384, 4096

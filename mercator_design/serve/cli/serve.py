@@ -2,14 +2,17 @@
 
 import logging
 from pathlib import Path
+from threading import Thread
 
 import click
 
 from mercator_design.cli.options import FOLDER
 from mercator_design.command import FILE, print_message
+from mercator_design.errors import MercatorError
 from mercator_design.serve.accounts.entrance import Entrance, check_certificate
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
+from mercator_design.serve.desk.missions import warm_up
 from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import load_settings
@@ -63,4 +66,13 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
             print_message("Stopping; the jobs go on when the service is started again")
             service.accounts.end_streams()
 
+        Thread(target=_warm_up, args=[service], daemon=True).start()
         run(app, listener, certificate=certificate, key=key, at_end=stop)
+
+
+def _warm_up(service: Service) -> None:
+    """Let a helper load and compile the simulator, before the first user waits for it."""
+    try:
+        service.desk.run(warm_up)
+    except MercatorError as error:
+        logging.getLogger(__name__).warning("the simulator cannot be compiled: %s", error)

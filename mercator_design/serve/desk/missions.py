@@ -1,5 +1,6 @@
 """Work on missions for the desk: checks, facts, pictures."""
 
+import logging
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -7,13 +8,15 @@ from typing import Any, Literal
 from mercator_design.config.json_schema import json_schema
 from mercator_design.config.writing import dump
 from mercator_design.errors import MercatorError
-from mercator_design.missions.mission import Mission
+from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
 from mercator_design.serve.desk.sources import MissionSource, text_without_files
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of
+
+_log = logging.getLogger(__name__)
 
 _BUDGET = 10_000
 """Experiments that suffice for any method."""
@@ -54,6 +57,11 @@ class MissionReview:
     errors: tuple[MissionFinding, ...]
     warnings: tuple[MissionFinding, ...] = ()
     facts: MissionFacts | None = None
+
+
+def warm_up() -> None:
+    """Load the simulator, and compile it if need be, before the first user waits for it."""
+    Simulator(load_mission("aggregation")).rehearse(announce=_log.info)
 
 
 def checked_request(request: Request, text: str | None, limits: Limits) -> CheckedMission:

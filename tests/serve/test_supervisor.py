@@ -5,11 +5,13 @@ import json
 import os
 import shutil
 import sqlite3
+from types import SimpleNamespace
 
 import pytest
 
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.races import check_place
+from mercator_design.serve.jobs.running import Running
 from mercator_design.serve.settings import Limits
 from tests.serve.races import BUDGET, House, locked
 
@@ -556,3 +558,24 @@ def test_a_start_with_odd_values_is_damaged(house, raced):
         (folder / "journal.jsonl").write_text(to_line(start | change))
     house.crash()
     assert {row.id for row in house.index.all()} == {f"odd{number}" for number in range(5)}
+
+
+class TestTimeLeft:
+    """The remaining time, by the pace since the first experiment: before it, a race compiles."""
+
+    @staticmethod
+    def running(budget=100, begun=0):
+        status = SimpleNamespace(record=SimpleNamespace(experiments=range(begun)))
+        return Running(None, None, status, None, started=0.0, budget=budget, begun=begun)
+
+    def test_it_is_that_of_the_pace_since_the_first_experiment(self):
+        run = self.running(begun=5)
+        assert run.left(60.0) is None  # it compiles
+        run.status.record.experiments = range(10)
+        assert run.left(61.0) is None
+        run.status.record.experiments = range(19)
+        assert run.left(62.0) is None  # too few to tell
+        run.status.record.experiments = range(30)
+        assert run.left(63.0) == 70 * 2.0 / 20
+        run.status.record.experiments = range(100)
+        assert run.left(70.0) == 0.0

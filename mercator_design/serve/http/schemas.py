@@ -124,6 +124,7 @@ class Job(BaseModel):
     submitted: str
     ended: str
     seconds: float
+    left: float | None
     shared: bool
 
     @classmethod

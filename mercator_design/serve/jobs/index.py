@@ -10,7 +10,7 @@ from typing import Any
 
 from mercator_design.serve.jobs.job import State
 
-_VERSION = 1
+_VERSION = 2
 """Of the table; an index of another version is made again."""
 
 
@@ -35,6 +35,7 @@ class Row:
     submitted: str = ""  # time
     ended: str = ""  # time
     seconds: float = 0.0  # of its races
+    left: float | None = None  # seconds that its race still takes, about
     shared: bool = False
     key: str = ""  # of the submission
 

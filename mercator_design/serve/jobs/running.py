@@ -15,6 +15,8 @@ from mercator_design.serve.jobs.races import RaceStatus
 
 _log = logging.getLogger(__name__)
 
+_FEWEST = 10
+"""Experiments by whose pace the remaining time is estimated: before them, a race compiles."""
 _MAX_DEATHS = 3
 """Deaths of a job's process without progress after which the job fails."""
 _INTERRUPTED = (75, 130)
@@ -38,7 +40,9 @@ class Running:
     output: Path
     started: float
     budget: int
+    begun: int  # experiments before it
     read: float = -math.inf  # when its journal was looked at
+    since: tuple[float, int] | None = None  # when it was first seen to progress, and its experiments then
     stopped_for: Why = ""
     stopped_at: float = 0.0
 
@@ -51,6 +55,15 @@ class Running:
     def seconds(self, clock: float) -> float:
         """That the job's races have run, with this one."""
         return round(self.job.seconds + clock - self.started, 1)
+
+    def left(self, clock: float) -> float | None:
+        """Seconds that the race still takes, by its pace since its first experiment here; None if not known yet."""
+        done = len(self.status.record.experiments)
+        if self.since is None:
+            self.since = (clock, done) if done > self.begun else None
+        if self.since is None or done - self.since[1] < _FEWEST or clock == self.since[0]:
+            return None
+        return max(0, self.budget - done) * (clock - self.since[0]) / (done - self.since[1])
 
     @property
     def message(self) -> str:

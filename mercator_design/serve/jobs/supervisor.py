@@ -239,6 +239,7 @@ class Supervisor:
             best=run.status.best,
             tested=run.status.tested,
             seconds=float(int(run.seconds(clock))),
+            left=run.left(clock),
             message=run.message,
         )
 
@@ -318,8 +319,15 @@ class Supervisor:
             self.refresh(identity)
             return False
         self._served[job.owner] = max(self._served.values(), default=-1) + 1
+        row = self._index.get(identity)
         self._runs[identity] = Running(
-            job, process, RaceStatus(folder), self._store.folder(identity) / OUTPUT, self._clock(), job.request.budget
+            job=job,
+            process=process,
+            status=RaceStatus(folder),
+            output=self._store.folder(identity) / OUTPUT,
+            started=self._clock(),
+            budget=job.request.budget,
+            begun=row.experiments if row else 0,
         )
         self.refresh(identity)
         _log.info("job %s: started", identity)

@@ -10,8 +10,6 @@ from mercator_design.serve.jobs.job import State
 from mercator_design.view.charts import number
 from mercator_design.view.markup import escaped
 
-_FEWEST = 10  # experiments from which the remaining time is estimated
-
 
 class Action(NamedTuple):
     """Something that a user can do with a job, by a request without a body."""
@@ -93,10 +91,9 @@ def best(row: Row) -> Html:
 
 def time_left(row: Row) -> str:
     """How long a running race still takes, about; empty if it is not known."""
-    if row.state != "running" or row.experiments < _FEWEST or row.seconds <= 0:
+    if row.state != "running" or row.left is None:
         return ""
-    left = (row.budget - row.experiments) * row.seconds / row.experiments
-    return f"about {duration(left)} left" if left >= 1 else "tests and report"
+    return f"about {duration(row.left)} left" if row.left >= 1 else "tests and report"
 
 
 def duration(seconds: float) -> str:

@@ -5,10 +5,14 @@ from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts import users
 from mercator_design.serve.app import guarded
+from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
+from mercator_design.serve.settings import Settings
 from tests.serve.races import BUDGET, House
+from tests.serve.serving import serving
 from tests.serve.still import ANN, BOB, still
+from tests.view.browser import browser
 
 
 class IdleProcess:
@@ -53,6 +57,32 @@ def quick_hashes():
         yield
 
 
+class SharedDesk:
+    """A desk that outlives its services."""
+
+    def __init__(self, desk):
+        self.run = desk.run
+
+    def close(self):
+        pass
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_helpers(tmp_path_factory):
+    """Services with the usual settings share their helpers, because each takes seconds to start."""
+    usual = Settings()
+    limits = (usual.helpers, usual.helper_seconds, usual.helper_memory, usual.plugins)
+    desk = Desk(2, *limits[1:], tmp_path_factory.mktemp("helpers"))
+
+    def desk_of(*given):
+        return SharedDesk(desk) if given[:-1] == limits else Desk(*given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mercator_design.serve.service.Desk", desk_of)
+        yield
+    desk.close()
+
+
 @pytest.fixture(scope="module")
 def idle_races():
     """Jobs that are started do nothing."""
@@ -66,6 +96,26 @@ def service(tmp_path_factory, idle_races):
     """A service without users, whose races do nothing; the tests of a module share it."""
     with Service(tmp_path_factory.mktemp("service") / "runs") as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def address(service):
+    """The address of the service, for browsers."""
+    with serving(guarded(service)) as one:
+        yield one
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("browser")) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def page(chromium):
+    """A page of the browser that all modules share."""
+    yield chromium
+    chromium.open("about:blank")  # which ends its event streams
 
 
 @pytest.fixture(scope="module")

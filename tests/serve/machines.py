@@ -18,10 +18,10 @@ def short_mission():
 
 
 class As:
-    """The application for a user, whatever guards it."""
+    """An application for a user, whatever guards it."""
 
-    def __init__(self, service, user):
-        self._app, self._user = application(service), user
+    def __init__(self, app, user):
+        self._app, self._user = app, user
 
     async def __call__(self, scope, receive, send):
         if scope["type"] == "http":
@@ -31,7 +31,7 @@ class As:
 
 @contextlib.contextmanager
 def client_of(service, name, *, is_admin=False):
-    with TestClient(As(service, User(name, is_admin=is_admin)), base_url="http://localhost") as client:
+    with TestClient(As(application(service), User(name, is_admin=is_admin)), base_url="http://localhost") as client:
         yield client
 
 

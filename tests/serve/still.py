@@ -12,6 +12,7 @@ from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.service import Service
+from tests.serve.machines import As
 from tests.serve.races import BUDGET, Process
 
 ANN, BOB, ROOT = User("ann"), User("bob"), User("root", is_admin=True)
@@ -25,12 +26,7 @@ class Still:
         self.app = application(service)
 
     def client(self, user):
-        async def known(scope, receive, send):
-            if scope["type"] == "http":
-                scope.setdefault("state", {})["user"] = user
-            await self.app(scope, receive, send)
-
-        return TestClient(known, base_url="http://localhost", raise_server_exceptions=False)
+        return TestClient(As(self.app, user), base_url="http://localhost", raise_server_exceptions=False)
 
     def submit(self, owner="ann", *, budget=BUDGET, text=None, name="aggregation", **request):
         wanted = Request(mission="" if text is not None else "aggregation", budget=budget, **request)

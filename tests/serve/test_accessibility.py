@@ -1,12 +1,11 @@
 """Every page of the service, checked by axe-core 4.14.1 (tests/data/axe.min.js, Mozilla Public License 2.0)."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.serve.machines import race_in
-from tests.serve.served import served
-from tests.view.browser import CHROMIUM, browser
+from tests.view.browser import CHROMIUM
 
 pytestmark = [pytest.mark.together, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
@@ -16,19 +15,12 @@ LOOKS = {"light": {}, "dark": {"dark": True}, "phone": {"width": 375}}
 
 
 @pytest.fixture(scope="module")
-def address(service):
-    race_in(service.data / "before")
+def raced_before(service, raced):
+    shutil.copytree(raced, service.data / "before")
     service.supervisor.reconcile()
-    with served(service) as address:
-        yield address
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with browser(tmp_path_factory.mktemp("browser")) as page:
-        yield page
-
-
+@pytest.mark.usefixtures("raced_before")
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize("path", PAGES)
 def test_no_serious_fault(page, address, path, look):
@@ -43,6 +35,7 @@ def test_no_serious_fault(page, address, path, look):
     assert found == []
 
 
+@pytest.mark.usefixtures("raced_before")
 @pytest.mark.parametrize("path", PAGES)
 def test_fits_a_phone(page, address, path):
     page.open(address + path, width=375)

@@ -6,15 +6,9 @@ from mercator_design.serve.app import guarded
 from tests.serve.races import BUDGET
 from tests.serve.serving import serving
 from tests.serve.still import still
-from tests.view.browser import CHROMIUM, browser
+from tests.view.browser import CHROMIUM
 
 pytestmark = [pytest.mark.timing, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with browser(tmp_path_factory.mktemp("browser")) as page:
-        yield page
 
 
 @pytest.fixture(scope="module")

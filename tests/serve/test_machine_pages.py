@@ -7,8 +7,7 @@ import pytest
 
 from mercator_design.serve.web.assets import assets
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in
-from tests.serve.served import served
-from tests.view.browser import CHROMIUM, browser
+from tests.view.browser import CHROMIUM
 
 pytestmark = pytest.mark.together
 
@@ -75,21 +74,8 @@ class TestText:
         assert html.escape('"><script>alert(1)</script>') in text
 
 
-@pytest.fixture(scope="module")
-def address(service, raced):
-    """The service, as browsers reach it."""
-    with served(service) as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    with browser(tmp_path_factory.mktemp("browser")) as page:
-        yield page
-
-
 @pytest.fixture
-def quiet(page, address):
+def quiet(page, address, raced):
     """The page; afterwards, its console is empty, and no request has left the service."""
     page.open(f"{address}/gallery")  # so that the storage is that of the service
     page.evaluate("localStorage.clear()")

@@ -1,5 +1,7 @@
 """The client on the command line, against a service on a port of its own."""
 
+import contextlib
+import io
 import json
 import socket
 import time
@@ -45,26 +47,32 @@ def client(mdesign, server, monkeypatch, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def done(server, mdesign_once):
+def told(server, mdesign_once):
+    """What submitting a job and following it to its end have printed: stdout and stderr of each."""
+
+    def run(*arguments):
+        with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+            mdesign_once(*arguments, "--server", server)
+        return out.getvalue(), err.getvalue()
+
+    submitted = run("submit", "aggregation", *SMALL, "--seed", "3")
+    return submitted, run("follow", submitted[0].strip(), "--progress", "plain", "--json-lines")
+
+
+@pytest.fixture(scope="module")
+def done(told):
     """A job that has run to its end."""
-    with Connection(server) as connection:
-        body = {"mission": "aggregation", "set": ["duration=2", "robots=2"], "budget": 60}
-        job = connection.call("POST", "/jobs", json=body)["job"]["id"]
-        mdesign_once("follow", job, "--server", server, "--progress", "none")
-    return job
+    return told[0][0].strip()
 
 
-def test_submit_and_follow_and_fetch(client, server, tmp_path):
-    code, job, err = client("submit", "aggregation", *SMALL, "--seed", "3")
-    job = job.strip()
-    assert (code, err) == (0, f"Submitted; its page: {server}/jobs/{job}\n")
-    code, out, err = client("follow", job, "--progress", "plain", "--json-lines")
-    assert code == 0
+def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
+    job, ((_, err), (out, progress)) = done, told
+    assert err == f"Submitted; its page: {server}/jobs/{job}\n"
     events = [json.loads(line) for line in out.splitlines()]
     assert [events[0]["event"], events[-1]["event"]] == ["start", "end"]
     assert sum(event["event"] == "experiment" for event in events) == 60
-    assert "iteration 1 ended" in err
-    assert f"{job}: succeeded, 60 of 60 experiments, best " in err
+    assert "iteration 1 ended" in progress
+    assert f"{job}: succeeded, 60 of 60 experiments, best " in progress
     code, out, err = client("fetch", job)
     assert (code, out) == (0, "")
     assert client("runs", "verify", job)[0] == 0

@@ -50,6 +50,15 @@ class User:
     name: str
     is_admin: bool = False
 
+    @property
+    def viewer(self) -> str | None:
+        """Whose own and shared jobs and designs it sees; None: those of all."""
+        return None if self.is_admin else self.name
+
+    def owns(self, owner: str) -> bool:
+        """Whether it may change what has an owner."""
+        return self.is_admin or owner == self.name
+
 
 LOCAL = User("local", is_admin=True)
 """Whoever uses a service without users, which only this machine reaches."""

@@ -25,12 +25,12 @@ TheUser = Annotated[User, Depends(_user)]
 
 def may_see(user: User, row: Row) -> bool:
     """Whether a user may see a job: own, shared, of no user, or as an administrator."""
-    return user.is_admin or row.owner in ("", user.name) or row.shared
+    return row.shared or not row.is_job or user.owns(row.owner)
 
 
 def may_change(user: User, row: Row) -> bool:
     """Whether a user may change a job."""
-    return row.is_job and (user.is_admin or row.owner == user.name)
+    return row.is_job and user.owns(row.owner)
 
 
 def visible_job(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Row:

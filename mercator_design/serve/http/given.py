@@ -24,7 +24,7 @@ def visible_design(service: Service, user: User, identity: str) -> Design:
         Missing: There is none.
     """
     design = service.designs.get(identity)
-    if design is None or not (user.is_admin or design.shared or design.owner == user.name):
+    if design is None or not (design.shared or user.owns(design.owner)):
         raise Missing(f"there is no design {identity}")
     return design
 

@@ -44,7 +44,7 @@ def find(
 ) -> JobPage:
     """List jobs that you may see."""
     rows, total = service.index.find(
-        None if user.is_admin else user.name,
+        user.viewer,
         states=state or (), owner=owner, text=text, shared=shared, order=order, descending=descending,
         limit=limit, offset=offset,
     )  # fmt: skip

@@ -60,7 +60,7 @@ def _of_design(one: Design, user: User) -> Html:
     score = None if one.mean is None else f"{number(one.mean)} (mean of {len(one.scores)} instances, {one.direction})"
     facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", _day(one.created))]
     mine = ""
-    if user.is_admin or one.owner == user.name:
+    if user.owns(one.owner):
         word = "Keep to yourself" if one.shared else "Share"
         mine = (
             f'<button type="button" data-share="{str(not one.shared).lower()}">{word}</button>'

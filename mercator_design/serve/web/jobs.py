@@ -56,7 +56,7 @@ class _Filter:
     def find(self, service: Service, user: User) -> tuple[list[Row], int]:
         """A page of rows, and the number of all."""
         return service.index.find(
-            None if user.is_admin else user.name,
+            user.viewer,
             states=[one for one in STATES if one == self.state],
             owner=user.name if self.whose == "mine" else self.owner,
             text=self.text, shared=self.whose == "shared", order=self.order, descending=self.way == "down",

@@ -114,9 +114,9 @@ def _group(name: str, of: list[tuple[str, str]], chosen: str = "") -> str:
 
 
 def _jobs(service: Service, user: User) -> list[Row]:
-    rows, _ = service.index.find(None if user.is_admin else user.name, limit=_MOST)
+    rows, _ = service.index.find(user.viewer, limit=_MOST)
     return rows
 
 
 def _designs(service: Service, user: User) -> list[Design]:
-    return service.designs.find(None if user.is_admin else user.name)[:_MOST]
+    return service.designs.find(user.viewer)[:_MOST]

@@ -89,7 +89,7 @@ VisibleDesign = Annotated[Design, Depends(_visible)]
 
 
 def _own(user: TheUser, design: VisibleDesign) -> Design:
-    if not (user.is_admin or design.owner == user.name):
+    if not user.owns(design.owner):
         raise NotAllowed(f"{design.id} is not yours: only its owner and administrators may change it")
     return design
 
@@ -130,7 +130,7 @@ def find(
     offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> DesignPage:
     """List the designs that you may see, the newest first."""
-    found = service.designs.find(None if user.is_admin else user.name, owner=owner, text=text, shared=shared)
+    found = service.designs.find(user.viewer, owner=owner, text=text, shared=shared)
     return DesignPage(designs=[DesignAnswer.of(one) for one in found[offset : offset + limit]], total=len(found))
 
 

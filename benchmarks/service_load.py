@@ -9,7 +9,10 @@ Each prints figures of one run, and exits with 1 if an event, a job or a winner 
 
 import asyncio
 import atexit
+import contextlib
 import json
+import multiprocessing
+import multiprocessing.queues
 import random
 import signal
 import socket
@@ -22,7 +25,6 @@ from pathlib import Path
 
 import click
 import httpx
-from httpx_sse import aconnect_sse
 
 from mercator_design.config.checked_lines import from_line
 
@@ -109,7 +111,14 @@ def follow(clients: int, races: int, seconds: float) -> None:
         jobs = [str(submit(service.url, number, 10**6)["id"]) for number in range(races)]
         while sum(job["experiments"] != 0 for job in service.jobs()) < races:  # all races have begun
             time.sleep(1)
-        seen, waited, reconnections = asyncio.run(_follow(service.url, jobs, clients, seconds))
+        times = multiprocessing.get_context("spawn").SimpleQueue()
+        lists = multiprocessing.get_context("spawn").Process(target=_lists, args=(service.url, seconds, times))
+        lists.start()
+        seen, reconnections = asyncio.run(_follow(service.port, jobs, clients, seconds))
+        lists.join()
+        waited = []
+        while not times.empty():
+            waited.append(times.get())
         for job in jobs:
             httpx.post(f"{service.url}/api/v1/jobs/{job}/cancel", timeout=60).raise_for_status()
         lost = twice = total = 0
@@ -140,37 +149,51 @@ def _places(journal: bytes, until: int) -> list[int]:
     return found
 
 
-async def _follow(url: str, jobs: list[str], clients: int, seconds: float) -> tuple[list[list[int]], list[float], int]:
+async def _follow(port: int, jobs: list[str], clients: int, seconds: float) -> tuple[list[list[int]], int]:
+    """What each client has seen. They read the sockets themselves: a library would take most of a core."""
     seen: list[list[int]] = [[] for _ in range(clients)]
-    end, reconnections, waited = time.monotonic() + seconds, 0, []
-    limits = httpx.Limits(max_connections=None)
-    async with httpx.AsyncClient(base_url=url, timeout=600, limits=limits) as http:
+    end, reconnections = time.monotonic() + seconds, 0
 
-        async def one(number: int) -> None:
-            nonlocal reconnections
-            luck = random.Random(number)
-            while time.monotonic() < end:
-                place = seen[number][-1] if seen[number] else 0
-                stay = min(end, time.monotonic() + luck.uniform(5, 40))
-                address = f"/api/v1/jobs/{jobs[number % len(jobs)]}/events"
-                try:
-                    async with asyncio.timeout(stay - time.monotonic()):
-                        async with aconnect_sse(http, "GET", address, headers={"Last-Event-ID": str(place)}) as source:
-                            async for event in source.aiter_sse():
-                                if event.event != "state":
-                                    seen[number].append(int(event.id))
-                except TimeoutError:
-                    reconnections += 1
+    async def one(number: int) -> None:
+        nonlocal reconnections
+        luck = random.Random(number)
+        while time.monotonic() < end:
+            stay = min(end, time.monotonic() + luck.uniform(5, 40))
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(stay - time.monotonic()):
+                    await _listen(port, jobs[number % len(jobs)], seen[number])
+            reconnections += 1
 
-        async def lists() -> None:
-            while time.monotonic() < end:
-                begin = time.perf_counter()
-                (await http.get("/api/v1/jobs")).raise_for_status()
-                waited.append(time.perf_counter() - begin)
-                await asyncio.sleep(0.2)
+    await asyncio.gather(*map(one, range(clients)))
+    return seen, reconnections
 
-        await asyncio.gather(*map(one, range(clients)), lists())
-    return seen, waited, reconnections
+
+async def _listen(port: int, job: str, seen: list[int]) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=2**20)
+    try:
+        place = seen[-1] if seen else 0
+        head = f"GET /api/v1/jobs/{job}/events HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nLast-Event-ID: {place}\r\n\r\n"
+        writer.write(head.encode())
+        if b" 200 " not in (first := await reader.readline()):
+            raise SystemExit(f"{first!r}: {await reader.read(2000)!r}")
+        is_state = False
+        async for line in reader:
+            if line.startswith(b"event: "):
+                is_state = line == b"event: state\n"
+            elif line.startswith(b"id: ") and not is_state:
+                seen.append(int(line[4:]))
+    finally:
+        writer.close()
+
+
+def _lists(url: str, seconds: float, waited: "multiprocessing.queues.SimpleQueue[float]") -> None:
+    end = time.monotonic() + seconds
+    with httpx.Client(base_url=url, timeout=600) as http:
+        while time.monotonic() < end:
+            begin = time.perf_counter()
+            http.get("/api/v1/jobs").raise_for_status()
+            waited.put(time.perf_counter() - begin)
+            time.sleep(0.2)
 
 
 @main.command(name="submit")

@@ -38,7 +38,7 @@ class Running:
     def __init__(self, data: Path, *, races: int) -> None:
         data.mkdir(exist_ok=True)
         (data / "serve.yaml").write_text(
-            f"races: {races}\njobs: 1\nlimits: {{jobs: 5000, running: 1000, budget: 10000000}}\n"
+            f"races: {races}\njobs: 1\nlimits: {{jobs: 5000, running: 1000, budget: 10000000, streams: 1000}}\n"
         )
         self.data = data
         with socket.socket() as probe:

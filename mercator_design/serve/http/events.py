@@ -19,15 +19,17 @@ from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.serve.jobs.operations import NotPossible
-from mercator_design.serve.jobs.races import JournalEvent, check_place, events_from, length_of
+from mercator_design.serve.jobs.races import CHUNK, JournalEvent, check_place, events_from, length_of
 from mercator_design.serve.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
 
 _log = logging.getLogger(__name__)
 
-_PERIOD = 0.25
+_PERIOD = 0.5
 """Seconds between two looks at a journal."""
+_PAUSE = 0.01
+"""Seconds between two pieces of a journal, in which others are answered."""
 _KEEPALIVE = 15.0
 """Seconds of silence after which a comment is sent, so that no proxy closes the connection."""
 _HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
@@ -72,10 +74,10 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         if now is None or not may_see(user, now):  # deleted, or no longer shared
             return
         try:
-            while (length := length_of(journal)) > place and (found := _events_until(journal, place, length)):
+            while (end := min(length_of(journal), place + CHUNK)) > place and (found := _piece(journal, place, end)):
                 place, text = found
                 yield text
-                await asyncio.sleep(0)
+                await asyncio.sleep(_PAUSE)
         except ValueError as error:  # damaged; who comes back is told so
             _log.warning("job %s: its journal: %s", identity, error)
             return
@@ -92,9 +94,9 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         await asyncio.sleep(_PERIOD - time.monotonic() % _PERIOD)  # all together, so that a piece is read once
 
 
-@lru_cache(maxsize=64)
-def _events_until(journal: Path, place: int, length: int) -> tuple[int, bytes] | None:  # noqa: ARG001 - the cache's key
-    """The text of the events from a place on, in a journal of so many bytes, and the place after them."""
+@lru_cache(maxsize=256)
+def _piece(journal: Path, place: int, end: int) -> tuple[int, bytes] | None:  # noqa: ARG001 - a key of the cache
+    """The text of the events from a place on, of a journal that has bytes up to an end, and the place after them."""
     found = events_from(journal, place)
     return (found[-1].place, _text(found)) if found else None
 

@@ -61,6 +61,7 @@ class Index:
 
     def __init__(self, file: Path) -> None:
         self._lock = threading.RLock()
+        self._known: dict[str, Row] = {}  # rows as they are in the file
         try:
             self._open(file)
         except sqlite3.DatabaseError:
@@ -100,19 +101,27 @@ class Index:
     def put(self, *rows: Row) -> None:
         """Add or replace rows."""
         marks = ", ".join("?" * len(_COLUMNS))
-        with self._lock, self._db:
-            self._db.execute("BEGIN")
-            self._db.executemany(f"INSERT OR REPLACE INTO jobs VALUES ({marks})", [astuple(row) for row in rows])  # noqa: S608
+        with self._lock:
+            with self._db:
+                self._db.execute("BEGIN")
+                self._db.executemany(f"INSERT OR REPLACE INTO jobs VALUES ({marks})", [astuple(row) for row in rows])  # noqa: S608
+            self._known |= {row.id: row for row in rows}
 
     def remove(self, *ids: str) -> None:
         """Remove rows."""
         with self._lock:
             self._db.executemany("DELETE FROM jobs WHERE id = ?", [(one,) for one in ids])
+            for one in ids:
+                self._known.pop(one, None)
 
     def get(self, identity: str) -> Row | None:
-        """A row."""
-        found = self._rows("WHERE id = ?", [identity])
-        return found[0] if found else None
+        """A row; also for hundreds who ask several times a second."""
+        if (known := self._known.get(identity)) is not None:
+            return known
+        with self._lock:
+            for row in self._rows("WHERE id = ?", [identity]):
+                self._known[identity] = row
+            return self._known.get(identity)
 
     def change(self, identity: str, **changes: Any) -> Row:  # noqa: ANN401 - the fields of Row
         """Change fields of a row that is there.
@@ -141,6 +150,7 @@ class Index:
         """Set what all queued jobs wait for."""
         with self._lock:
             self._db.execute("UPDATE jobs SET message = ? WHERE state = 'queued' AND message != ?", (message, message))
+            self._known.clear()
 
     def submitted(self, owner: str, key: str) -> Row | None:
         """The job that a user has submitted with a key."""

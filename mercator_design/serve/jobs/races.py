@@ -13,7 +13,8 @@ from mercator_design.race.running.record import Record
 from mercator_design.runs.files import JOURNAL, TASKS, read_provenance
 
 _EVENT, _AFTER = b'{"event":"', b',"after":"'  # at the ends of a line
-_CHUNK = 256 * 1024  # bytes that are read at a time
+CHUNK = 64 * 1024
+"""Bytes that are read at a time."""
 
 
 @dataclass(slots=True)
@@ -112,7 +113,7 @@ def check_place(journal: Path, place: int) -> None:
 
 
 def events_from(journal: Path, place: int) -> list[JournalEvent]:
-    """Events of a journal from a place on, at most those of _CHUNK bytes; none if there are no more yet.
+    """Events of a journal from a place on, at most those of CHUNK bytes; none if there are no more yet.
 
     Args:
         journal: Its file.
@@ -124,8 +125,8 @@ def events_from(journal: Path, place: int) -> list[JournalEvent]:
     try:
         with journal.open("rb") as file:
             file.seek(place)
-            data = file.read(_CHUNK)
-            while data and b"\n" not in data and (more := file.read(_CHUNK)):
+            data = file.read(CHUNK)
+            while data and b"\n" not in data and (more := file.read(CHUNK)):
                 data += more
     except FileNotFoundError:
         return []
@@ -151,7 +152,7 @@ def end_of(journal: BinaryIO) -> int:
     """The place after the last event of a journal that another process may be writing."""
     place = journal.seek(0, os.SEEK_END)
     while place > 0:
-        start = max(0, place - _CHUNK)
+        start = max(0, place - CHUNK)
         journal.seek(start)
         if (found := journal.read(place - start).rfind(b"\n")) >= 0:
             return start + found + 1

@@ -52,7 +52,10 @@ def told(server, mdesign_once):
 
     def run(*arguments):
         with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
-            mdesign_once(*arguments, "--server", server)
+            try:
+                mdesign_once(*arguments, "--server", server)
+            except AssertionError:
+                raise AssertionError(err.getvalue()) from None
         return out.getvalue(), err.getvalue()
 
     submitted = run("submit", "aggregation", *SMALL, "--seed", "3")

@@ -96,6 +96,7 @@ def opened(page, address):
         page.open(f"{address}/new", **how)
         page.wait_for(summary("No mistakes"))
         page.wait_for("!document.getElementById('picture').hidden")
+        page.wait_for("document.getElementById('estimate').textContent.startsWith('About')")  # then nothing moves
         return page
 
     yield open_

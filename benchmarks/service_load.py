@@ -80,13 +80,14 @@ class Running:
                 return found
 
 
-def request_of(number: int, budget: int) -> dict[str, object]:
-    return {"mission": CHOSEN[number % len(CHOSEN)], "set": SMALL, "budget": budget, "seed": number, "method": "random"}
+def request_of(number: int, budget: int, changes: list[str]) -> dict[str, object]:
+    mission = CHOSEN[number % len(CHOSEN)]
+    return {"mission": mission, "set": changes, "budget": budget, "seed": number, "method": "random"}
 
 
-def submit(url: str, number: int, budget: int) -> dict[str, object]:
+def submit(url: str, number: int, budget: int, changes: list[str] = SMALL) -> dict[str, object]:
     headers = {"Idempotency-Key": f"number-{number}"}
-    answer = httpx.post(f"{url}/api/v1/jobs", json=request_of(number, budget), headers=headers, timeout=120)
+    answer = httpx.post(f"{url}/api/v1/jobs", json=request_of(number, budget, changes), headers=headers, timeout=120)
     answer.raise_for_status()
     return answer.json()["job"]  # type: ignore[no-any-return]
 
@@ -108,7 +109,7 @@ def follow(clients: int, races: int, seconds: float) -> None:
     """Clients follow running jobs."""
     with tempfile.TemporaryDirectory() as folder:
         service = Running(Path(folder) / "data", races=races)
-        jobs = [str(submit(service.url, number, 10**6)["id"]) for number in range(races)]
+        jobs = [str(submit(service.url, number, 10**6, [])["id"]) for number in range(races)]
         while sum(job["experiments"] != 0 for job in service.jobs()) < races:  # all races have begun
             time.sleep(1)
         times = multiprocessing.get_context("spawn").SimpleQueue()
@@ -124,18 +125,19 @@ def follow(clients: int, races: int, seconds: float) -> None:
         lost = twice = total = 0
         for number, places in enumerate(seen):
             journal = (service.data / jobs[number % races] / "journal.jsonl").read_bytes()
-            expected = _places(journal, until=places[-1]) if places else [-1]
+            expected = _places(journal, until=places[-1]) if places else []
             total += len(places)
             lost += len(set(expected) - set(places))
             twice += len(places) - len(set(places))
         service.stop()
     print(f"{clients} clients, {races} running jobs, {seconds:g} s: {total} events, {reconnections} reconnections")
-    print(f"lost {lost}, twice {twice}")
+    silent = sum(not places for places in seen)
+    print(f"lost {lost}, twice {twice}; clients without any event {silent}")
     print(
         f"job list, {len(waited)} requests: median {1000 * statistics.median(waited):.0f} ms, "
         f"95th percentile {1000 * percentile(waited, 0.95):.0f} ms, longest {1000 * max(waited):.0f} ms"
     )
-    sys.exit(bool(lost or twice))
+    sys.exit(bool(lost or twice or silent))
 
 
 def _places(journal: bytes, until: int) -> list[int]:

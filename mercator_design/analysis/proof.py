@@ -89,7 +89,10 @@ def read_proof(folder: Path, record: Record) -> Proof | None:
     file = folder / PROOF
     if not file.exists():
         return None
-    proof: Proof = read_json(file, Proof, error=RaceError)
+    try:
+        proof: Proof = read_json(file, Proof, error=RaceError)
+    except RaceError as error:
+        raise RaceError(f"{error}; delete it to make it again") from None
     if any(len(one.scores) != len(proof.seeds) for one in proof.contestants):
         raise RaceError(f"{file}: expected {len(proof.seeds)} scores of each contestant; delete it to make it again")
     return proof if record.ends and proof.journal == record.ends[-1].digest else None

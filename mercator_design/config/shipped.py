@@ -26,14 +26,21 @@ def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
     Raises:
         MissionError: if it is neither, with the nearest known name.
     """
-    if not is_name(text) or _is_file(text):
-        return Path(text)
+    return Path(text) if not is_name(text) or _is_file(text) else shipped[named(text, shipped, kind)]
+
+
+def named(text: str, shipped: Mapping[str, Path], kind: str) -> str:
+    """The shipped name that a text means, in British or American spelling.
+
+    Raises:
+        MissionError: There is none, with the nearest known name.
+    """
     name = spelling.find(text, shipped)
     if name is None:
         near = spelling.nearest(text, shipped)
         hint = f"did you mean '{near}'?" if near else f"shipped are: {', '.join(shipped)}"
         raise MissionError(f"{excerpt(text)}: no such {kind}; {hint}")
-    return shipped[name]
+    return name
 
 
 def _is_file(text: str) -> bool:

@@ -2,6 +2,7 @@
 
 settings      limits and workers, from serve.yaml
 records       folders with a JSON file each
+database      SQLite files, which can be made again
 jobs/         jobs: their files, their index, who is next, the processes that run races
 accounts/     users, tokens, sessions, the guard in front of every request
 designs       FSMs that users keep

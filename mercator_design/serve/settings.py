@@ -42,9 +42,7 @@ class Settings:
 
     schema: Literal[1] = 1  # version of this format
     races: _Count = 1  # that run at the same time
-    jobs: Annotated[int, Range(0)] = (
-        0  # experiments of a race at the same time; 0: the cores of this machine by `races`
-    )
+    jobs: Annotated[int, Range(0)] = 0  # experiments of a race at the same time; 0: all cores, shared by the races
     helpers: Annotated[int, Range(1, 64)] = 3  # processes for short work; a user has at most all but one
     helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
     helper_memory: Annotated[int, Range(300)] = 2000  # of a helper, above which such work is refused [MB]

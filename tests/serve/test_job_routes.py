@@ -35,8 +35,8 @@ def test_the_same_key_is_the_same_job(ann, bob):
 @pytest.mark.parametrize(
     ("body", "status", "words"),
     [
-        ({"mission": "nowhere", "budget": 60}, 422, "mission: expected the name of a shipped mission, found nowhere"),
-        ({"mission": "/etc/passwd", "budget": 60}, 422, "mission: expected the name of a shipped mission"),
+        ({"mission": "nowhere", "budget": 60}, 422, "nowhere: no such mission; shipped are: "),
+        ({"mission": "/etc/passwd", "budget": 60}, 422, "/etc/passwd: no such mission"),
         ({"mission": "aggregation", "budget": 3}, 422, "budget"),
         ({"mission": "aggregation", "budget": 60, "set": ["robots=101"]}, 422, "robots: expected at most 100"),
         ({"mission": "aggregation", "budget": 60, "set": ["robot_model=x.yaml"]}, 422, "robot_model"),

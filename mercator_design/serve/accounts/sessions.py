@@ -1,14 +1,14 @@
 """The sessions of browsers: each begins with a token, and ends with it. The file has hashes of their secrets."""
 
-import contextlib
 import hashlib
-import os
 import secrets
 import sqlite3
 import threading
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
+
+from mercator_design.serve.database import database
 
 FILE = "sessions.sqlite"
 DAYS = 7
@@ -30,15 +30,7 @@ class Sessions:
     def __init__(self, file: Path, now: Callable[[], datetime]) -> None:
         self._now = now
         self._lock = threading.RLock()
-        os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
-        try:
-            self._open(file)
-        except sqlite3.DatabaseError:
-            self._db.close()
-            for one in file.parent.glob(f"{file.name}*"):
-                one.unlink()
-            os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
-            self._open(file)
+        self._db = database(file, _prepare)
 
     def close(self) -> None:
         """Close the file."""
@@ -84,14 +76,11 @@ class Sessions:
         with self._lock:
             self._db.execute("DELETE FROM sessions WHERE hash = ?", [_hash(secret)])
 
-    def _open(self, file: Path) -> None:
-        self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
-        with contextlib.closing(self._db.execute("PRAGMA journal_mode=WAL")):
-            pass
-        self._db.execute("PRAGMA synchronous=NORMAL")
-        self._db.execute("PRAGMA secure_delete=ON")
-        self._db.execute("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY, token TEXT, ends REAL)")
-        self._db.execute("SELECT hash, token, ends FROM sessions LIMIT 1").fetchone()
+
+def _prepare(db: sqlite3.Connection) -> None:
+    db.execute("PRAGMA secure_delete=ON")
+    db.execute("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY, token TEXT, ends REAL)")
+    db.execute("SELECT hash, token, ends FROM sessions LIMIT 1").fetchone()
 
 
 def _hash(secret: str) -> str:

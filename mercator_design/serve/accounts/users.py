@@ -19,12 +19,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Literal
 
-from mercator_design.config.json_data import from_json
+from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import FieldError, Pattern
 from mercator_design.config.writing import plain
 from mercator_design.errors import MercatorError, excerpt
 from mercator_design.serve.settings import SERVICE, ServiceError
-from mercator_design.system.files import Unreadable, read_small, write_text
+from mercator_design.system.files import write_text
 
 FILE = "users.json"
 DAYS = 365
@@ -32,7 +32,6 @@ DAYS = 365
 MAX_TOKENS = 20
 """Tokens of a user that have not expired."""
 
-_MAX_SIZE = 4 * 1024 * 1024  # bytes of the file
 _LETTERS = string.ascii_letters + string.digits
 _NAME = Pattern(r"[a-z0-9][a-z0-9._-]{0,31}", "a name of up to 32 of a-z, 0-9, '.', '_' and '-'")
 _TOKEN = re.compile(r"md_([A-Za-z0-9]{8})_([A-Za-z0-9]{43})", re.ASCII)  # 43 letters or digits: 256 bits
@@ -291,20 +290,10 @@ class Users:
         except OSError as error:
             raise ServiceError(f"{self.file}: cannot be read: {error.strerror}") from None
         if stamp != self._reading.stamp:
-            contents = _Contents() if stamp is None else self._parse()
+            contents = _Contents() if stamp is None else read_json(self.file, _Contents, error=ServiceError)
             tokens = {token.id: (account, token) for account in contents.users for token in account.tokens}
             self._reading = _Reading(stamp, contents, tokens)
         return self._reading
-
-    def _parse(self) -> _Contents:
-        try:
-            data = json.loads(read_small(self.file, _MAX_SIZE))
-        except Unreadable as error:
-            raise ServiceError(f"{self.file}: {error}") from None
-        except (ValueError, RecursionError):
-            raise ServiceError(f"{self.file}: expected JSON, found something else") from None
-        contents: _Contents = from_json(data, _Contents, error=ServiceError, label=str(self.file))
-        return contents
 
 
 def _hash(secret: str, salt: str) -> str:

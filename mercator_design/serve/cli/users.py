@@ -7,6 +7,7 @@ import click
 
 from mercator_design.cli.options import FOLDER
 from mercator_design.command import print_message, print_result
+from mercator_design.report.columns import aligned
 from mercator_design.serve.accounts.users import DAYS, Account, Users
 from mercator_design.serve.settings import ServiceError
 from mercator_design.system.files import writing
@@ -65,9 +66,7 @@ def list_users(data: Path) -> None:
         print_message(f"{data}: there are no users: mdesign users add NAME adds one")
         return
     rows = [("user", "admin", "token", "expires"), *(row for account in accounts for row in _rows(account))]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print_result("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    print_result("\n".join(aligned(rows)))
 
 
 @users.command("revoke")

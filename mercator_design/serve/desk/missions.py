@@ -1,6 +1,5 @@
 """Work on missions for the desk: checks, facts, pictures."""
 
-import logging
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -15,8 +14,6 @@ from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of
-
-_log = logging.getLogger(__name__)
 
 _BUDGET = 10_000
 """Experiments that suffice for any method."""
@@ -61,7 +58,7 @@ class MissionReview:
 
 def warm_up() -> None:
     """Load the simulator, and compile it if need be, before the first user waits for it."""
-    Simulator(load_mission("aggregation")).rehearse(announce=_log.info)
+    Simulator(load_mission("aggregation")).rehearse(announce=lambda _: None)
 
 
 def checked_request(request: Request, text: str | None, limits: Limits) -> CheckedMission:

@@ -60,9 +60,9 @@ class MissionSource:
         """
         if self.text is not None:
             return MISSION, self.text
-        if self.name not in shipped.missions():
-            raise MissionError(f"mission: expected the name of a shipped mission, found {excerpt(self.name)}")
-        return self.name, text_of(shipped.missions()[self.name], error=MissionError)
+        files = shipped.missions()
+        name = shipped.named(self.name, files, "mission")
+        return name, text_of(files[name], error=MissionError)
 
 
 def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: Limits) -> Mission:

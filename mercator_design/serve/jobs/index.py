@@ -1,6 +1,5 @@
 """The index of jobs: what lists show, in SQLite. Missing or damaged, it is made again from the data folder."""
 
-import contextlib
 import sqlite3
 import threading
 from collections.abc import Sequence
@@ -8,6 +7,7 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from mercator_design.serve.database import database
 from mercator_design.serve.jobs.job import State
 
 _VERSION = 2
@@ -62,41 +62,13 @@ class Index:
     def __init__(self, file: Path) -> None:
         self._lock = threading.RLock()
         self._known: dict[str, Row] = {}  # rows as they are in the file
-        try:
-            self._open(file)
-        except sqlite3.DatabaseError:
-            for one in file.parent.glob(f"{file.name}*"):
-                one.unlink()
-            self._open(file)
+        self._db = database(file, _prepare)
+        self._db.row_factory = sqlite3.Row
 
     def close(self) -> None:
         """Close the file."""
         with self._lock:
             self._db.close()
-
-    def _open(self, file: Path) -> None:
-        self._db = sqlite3.connect(file, check_same_thread=False, isolation_level=None)
-        try:
-            self._prepare()
-        except BaseException:
-            self._db.close()
-            raise
-
-    def _prepare(self) -> None:
-        self._db.row_factory = sqlite3.Row
-        with contextlib.closing(self._db.execute("PRAGMA journal_mode=WAL")):
-            pass
-        self._db.execute("PRAGMA synchronous=NORMAL")
-        if self._db.execute("PRAGMA user_version").fetchone()[0] != _VERSION:
-            self._db.execute("DROP TABLE IF EXISTS jobs")
-            self._db.execute(f"CREATE TABLE jobs ({', '.join(_COLUMNS)}, PRIMARY KEY (id))")
-            self._db.execute("CREATE INDEX by_time ON jobs (submitted)")
-            self._db.execute("CREATE INDEX by_owner ON jobs (owner, state)")
-            self._db.execute("CREATE INDEX by_key ON jobs (owner, key)")
-            self._db.execute(f"PRAGMA user_version={_VERSION}")
-        self._db.execute(f"SELECT {', '.join(_COLUMNS)} FROM jobs LIMIT 1").fetchone()  # noqa: S608 - our own names
-        if (found := self._db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-            raise sqlite3.DatabaseError(found)
 
     def put(self, *rows: Row) -> None:
         """Add or replace rows."""
@@ -218,3 +190,16 @@ class Index:
         with self._lock:
             found = self._db.execute(f"SELECT * FROM jobs {tail}", values).fetchall()  # noqa: S608 - only our own text
         return [Row(**{name: one[name] for name in _COLUMNS} | {"shared": bool(one["shared"])}) for one in found]
+
+
+def _prepare(db: sqlite3.Connection) -> None:
+    if db.execute("PRAGMA user_version").fetchone()[0] != _VERSION:
+        db.execute("DROP TABLE IF EXISTS jobs")
+        db.execute(f"CREATE TABLE jobs ({', '.join(_COLUMNS)}, PRIMARY KEY (id))")
+        db.execute("CREATE INDEX by_time ON jobs (submitted)")
+        db.execute("CREATE INDEX by_owner ON jobs (owner, state)")
+        db.execute("CREATE INDEX by_key ON jobs (owner, key)")
+        db.execute(f"PRAGMA user_version={_VERSION}")
+    db.execute(f"SELECT {', '.join(_COLUMNS)} FROM jobs LIMIT 1").fetchone()  # noqa: S608 - our own names
+    if (found := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+        raise sqlite3.DatabaseError(found)

@@ -29,9 +29,7 @@ class Request:
     flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"
     seed: Annotated[int, Range(0, MAX_SEED)] = 1
     test_runs: Annotated[int, Range(0, MAX_TESTS)] = 0
-    priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = (
-        0  # among the jobs of its user; a higher one runs first
-    )
+    priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # among its user's jobs; a higher one runs first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -143,7 +143,8 @@ class Supervisor:
             row = row_of_job(job, status, problem, is_running=run is not None or is_locked(folder / JOURNAL))
             if run is not None:
                 run.job = job
-                row = replace(row, message=run.message, seconds=run.seconds(self._clock()))
+                clock = self._clock()
+                row = replace(row, message=run.message, seconds=run.seconds(clock), left=run.left(clock))
             elif row.state == "queued" and identity in self._held:
                 row = replace(row, state="paused", message=self._held[identity][0])
             elif row.state == "queued":

@@ -72,6 +72,8 @@ def remaining_seconds(row: Row, usual: float) -> float:
         row: The job.
         usual: Seconds that an experiment takes, for a job that has run too few to know.
     """
+    if row.left is not None:
+        return row.left
     left = max(0, row.budget - row.experiments)
     pace = row.seconds / row.experiments if row.experiments and row.seconds else usual
     return left * pace

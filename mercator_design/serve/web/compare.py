@@ -6,7 +6,7 @@ from fastapi.responses import HTMLResponse
 from mercator_design.serve.http.context import TheService, TheUser
 from mercator_design.serve.http.machines.schemas import MAX_FSMS
 from mercator_design.serve.web.layout import page
-from mercator_design.serve.web.machines import SCRIPTS, STYLES, designs, missions
+from mercator_design.serve.web.machines import SCRIPTS, STYLES, designs, instances, missions
 
 router = APIRouter(include_in_schema=False)
 
@@ -28,9 +28,7 @@ def compare(service: TheService, user: TheUser) -> HTMLResponse:
 <form id="running" class="actions run">
 <div><label for="mission">Mission</label><select id="mission"><option value="">of the first design</option>
 {missions(service, user)}</select></div>
-<div><label for="runs">Instances</label><input id="runs" type="number" min="1"
-max="{service.settings.limits.runs}" value="20"></div>
-<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>
+{instances(service)}
 <button class="main" id="run">Compare</button><span id="progress" class="faint" role="status"></span>
 </form>
 <div id="results"></div>

@@ -53,9 +53,7 @@ Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transition
 <section id="part" aria-label="Selected part"></section>
 </div>
 <form id="running" class="actions run">
-<div><label for="runs">Instances</label><input id="runs" type="number" min="1"
-max="{service.settings.limits.runs}" value="20"></div>
-<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>
+{instances(service)}
 <button class="main" id="run">Run</button><span id="progress" class="faint" role="status"></span>
 </form>
 <div id="results"></div>
@@ -74,6 +72,15 @@ max="{service.settings.limits.runs}" value="20"></div>
         here="/fsm",
         scripts=(*SCRIPTS, "fsm.js"),
         styles=STYLES,
+    )
+
+
+def instances(service: Service) -> Html:
+    """The fields for the instances on which FSMs run."""
+    most = service.settings.limits.runs
+    return Html(
+        f'<div><label for="runs">Instances</label><input id="runs" type="number" min="1" max="{most}" value="20"></div>'
+        '<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>'
     )
 
 

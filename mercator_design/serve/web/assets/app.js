@@ -35,6 +35,22 @@ const Mercator = {
     return text ? JSON.parse(text) : null;
   },
 
+  /** Whether the user says yes. */
+  confirmed(question) {
+    const { make } = Mercator;
+    const yes = make("button", { class: "danger", value: "yes" }, "Yes");
+    const form = make("form", { method: "dialog", class: "actions" }, yes, make("button", { value: "no" }, "No"));
+    const dialog = make("dialog", { "aria-label": "Are you sure?" }, make("p", {}, question), form);
+    document.body.append(dialog);
+    dialog.showModal();
+    return new Promise((done) => {
+      dialog.addEventListener("close", () => {
+        dialog.remove();
+        done(dialog.returnValue === "yes");
+      });
+    });
+  },
+
   /** An error, as an element. */
   problem: (error) => Mercator.make("p", { class: "problem", role: "alert" }, error.message),
 };

@@ -62,7 +62,7 @@
       button.textContent = shared ? "Keep to yourself" : "Share";
     });
     change("[data-delete]", async () => {
-      if (!confirm("Delete this design?")) return;
+      if (!(await Mercator.confirmed("Delete this design? This cannot be undone."))) return;
       await api("DELETE", pathOf(card));
       card.remove();
     });

@@ -3,7 +3,7 @@
 // changed where they differ, so focus, open details and the place in the page stay. Hidden tabs do not ask.
 const Live = (() => {
   const asked = new Map(); // by id: when, and whether an answer is awaited
-  const { at, make } = Mercator;
+  const { at } = Mercator;
   const told = at("told");
 
   const tell = (text, isBad = true, isLost = false) => {
@@ -60,20 +60,6 @@ const Live = (() => {
     if (!document.hidden) for (const element of document.querySelectorAll("[data-live][data-seconds]")) refresh(element.id);
   });
 
-  /** Whether the user says yes. */
-  const confirmed = (question) =>
-    new Promise((done) => {
-      const yes = make("button", { class: "danger", value: "yes" }, "Yes");
-      const form = make("form", { method: "dialog", class: "actions" }, yes, make("button", { value: "no" }, "No"));
-      const dialog = make("dialog", { "aria-label": "Are you sure?" }, make("p", {}, question), form);
-      dialog.addEventListener("close", () => {
-        dialog.remove();
-        done(dialog.returnValue === "yes");
-      });
-      document.body.append(dialog);
-      dialog.showModal();
-    });
-
   /** Send a change, and show what it has changed. */
   const act = async (method, path, body) => {
     let answer = null;
@@ -91,7 +77,7 @@ const Live = (() => {
     const button = event.target.closest("[data-do]");
     if (!button || button.ariaBusy === "true") return;
     const place = button.closest(".actions, tr");
-    if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return;
+    if (button.dataset.confirm && !(await Mercator.confirmed(button.dataset.confirm))) return;
     button.ariaBusy = "true";
     const [method, path] = button.dataset.do.split(" ");
     const isDone = await act(method, path);

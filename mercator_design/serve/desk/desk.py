@@ -90,7 +90,9 @@ class Desk:
         with self._changed:
             self._is_closed = True
             for helper in self._all:
-                helper.kill()
+                helper.kill()  # whose thread, if it is at work, closes it
+            for helper in self._idle:
+                helper.close()
 
     @contextlib.contextmanager
     def _helper(self, user: str) -> "Iterator[_Helper]":
@@ -110,7 +112,7 @@ class Desk:
             is_well = True
         finally:
             if not is_well:
-                helper.kill()
+                helper.close()
             with self._changed:
                 self._less(self._asked, user)
                 self._less(self._at_work, user)
@@ -169,7 +171,7 @@ class _Helper:
         return result, error
 
     def _start(self) -> None:
-        self.kill()  # one that was killed while it had no work
+        self.close()  # one that was killed while it had no work
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         arguments = (theirs, self._plugins, str(self._folder))
@@ -181,6 +183,9 @@ class _Helper:
         if self._process is not None:
             self._process.kill()
             self._process.join()
+
+    def close(self) -> None:
+        self.kill()
         if self._connection is not None:
             self._connection.close()
 

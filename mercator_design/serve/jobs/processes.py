@@ -67,11 +67,15 @@ class Launcher:
 
 
 class _Process:
-    """A process that stops when this one ends, because the pipe to it is closed."""
+    """A process that stops when this one ends, because the pipe to it is closed.
+
+    Its group is its own, so that Ctrl-C at the service does not reach it; its session is that of the service, because
+    Linux gives sessions equal shares of the processors, however nice their processes are (autogroup in sched(7)).
+    """
 
     def __init__(self, command: list[str], output: IO[bytes]) -> None:
         self._process = subprocess.Popen(  # noqa: S603 - our own command
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output, process_group=0
         )
 
     def poll(self) -> int | None:

@@ -1,0 +1,22 @@
+"""The processes that run the races of jobs."""
+
+import os
+import sys
+
+from mercator_design.serve.jobs.processes import Launcher, last_messages
+from mercator_design.serve.jobs.store import OUTPUT
+from tests.processes import wait_until
+
+
+def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path, monkeypatch):
+    """So Ctrl-C does not reach it, and it leaves the processor to the service."""
+    python = tmp_path / "python"
+    python.write_text('#!/bin/sh\nread -r line < /proc/$$/stat\necho "$line" >&2\n', encoding="ascii")
+    python.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(python))
+    job = house.store.read(house.submit())
+    process = Launcher(house.store, house.settings, 1)(job)
+    wait_until(lambda: process.poll() is not None)
+    identity, _, _, _, group, session, *_ = last_messages(house.store.folder(job.id) / OUTPUT).split()
+    assert group == identity != str(os.getpgrp())
+    assert session == str(os.getsid(0))

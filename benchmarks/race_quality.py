@@ -2,29 +2,24 @@
 
 Problems are objects with `name`, `parameters`, `instances`, `evaluate(configuration, instance, seed)`,
 `true_cost(configuration)`, `optimum` and `reference` (the mean cost of random configurations); a module of them has
-`PROBLEMS`, or `NAMES` and `get(name)`. Missions are problems too, by --missions: their true cost is the mean over fresh
-instances, their optimum the best winner of any method. The regret is (true cost - optimum) / (reference - optimum).
+`PROBLEMS`, or `NAMES` and `get(name)`. The regret is (true cost - optimum) / (reference - optimum). mission_quality.py
+measures missions.
 
 Each method is compared with --against, and with the runs that R irace left in a file, by Mann-Whitney's rank-sum test,
 which also says which of them is better; p-values are Holm's over the problems.
 
-Methods are those of `mdesign race --method`, `default` (the
-library's own, `surrogate`), and `no-NAME`, the default but for the option NAME, which is irace's.
+Methods: see race_results.py.
 
 Run: python benchmarks/race_quality.py --problems FILE.py [--budgets 1000 5000] [--seeds 20] [--irace results.json]
-         [--methods default irace no-surrogate ...] [--cache FILE] [--missions NAME ...] [-j N]
+         [--methods default irace no-surrogate ...] [--cache FILE] [-j N]
 """
 
 import argparse
-import hashlib
 import importlib.util
 import json
-import multiprocessing
 import sys
-import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -34,17 +29,13 @@ from scipy.stats import mannwhitneyu
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-import mercator_design
+from benchmarks.race_results import Race, Row, results
 from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
-from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space, parse_space
-from mercator_design.race.methods.table import METHODS
+from mercator_design.race import Configuration, Space
 from mercator_design.race.racing.statistics import holm
 
-Row = dict[str, Any]
-Task = tuple[str | None, str, str, int, int]
-"""File, problem, method, budget, seed."""
 SIGNIFICANT = 0.05
 
 
@@ -85,53 +76,12 @@ class Synthetic:
             ]
         return float(self.problem.evaluate(configuration, *self._instances[instance]))
 
-    def true_cost(self, configuration: Configuration) -> float:
-        return float(self.problem.true_cost(configuration))
+    def measure(self, configuration: Configuration) -> Row:
+        return {"true_cost": float(self.problem.true_cost(configuration))}
 
-    def scale(self, rows: Iterable[Row]) -> tuple[float, float]:  # noqa: ARG002 - missions need them
-        return self.problem.optimum, self.problem.reference
-
-
-class Mission:
-    """A mission as a problem; its true costs are means over FRESH instances that no race sees."""
-
-    FRESH = 100
-    RANDOM = 100
-
-    def __init__(self, name: str) -> None:
-        from mercator_design.fsm.space.grammar import parameters_text
-        from mercator_design.fsm.space.structure import PfsmStructure
-        from mercator_design.missions.mission import load_mission
-        from mercator_design.sim.simulate import Simulator
-
-        self.space = parse_space(parameters_text("watermelon"), "grammar", structure=PfsmStructure("watermelon"))
-        self._simulator = Simulator(load_mission(name))
-        self._seed = 0
-
-    def start(self, seed: int) -> None:
-        self._seed = seed
-
-    def cost(self, configuration: Configuration, instance: int) -> float:
-        return self._cost(configuration, seeds.instance_seed(self._seed, "race", instance))
-
-    def true_cost(self, configuration: Configuration) -> float:
-        fresh = (seeds.instance_seed(0, "evaluation", k) for k in range(self.FRESH))
-        return float(np.mean([self._cost(configuration, seed) for seed in fresh]))
-
-    def scale(self, rows: Iterable[Row]) -> tuple[float, float]:
-        """The best winner, and the mean of random configurations on one instance each."""
-        draws = seeds.generator(0, "random configurations")
-        randoms = [self.space.build(lambda p, b: p.quantile(draws.random(), b)) for _ in range(self.RANDOM)]
-        costs = [self._cost(c, seeds.instance_seed(0, "evaluation", k)) for k, c in enumerate(randoms)]
-        return min(row["true_cost"] for row in rows), float(np.mean(costs))
-
-    def _cost(self, configuration: Configuration, seed: int) -> float:
-        from mercator_design.fsm.space.grammar import to_pfsm
-
-        return self._simulator.mission.cost(self._simulator.run(to_pfsm(configuration, "watermelon"), seed).score)
-
-
-Problem = Synthetic | Mission
+    def regret(self, true_cost: float) -> float:
+        optimum, reference = self.problem.optimum, self.problem.reference
+        return float((true_cost - optimum) / (reference - optimum))
 
 
 @cache
@@ -152,10 +102,8 @@ def problem_names(file: str) -> list[str]:
 
 
 @cache
-def problem(file: str | None, name: str) -> Problem:
-    """A problem of a module, or a mission."""
-    if file is None:
-        return Mission(name)
+def problem(name: str, file: str) -> Synthetic:
+    """A problem of a module."""
     module = load_module(file)
     found = module.get(name) if hasattr(module, "get") else next(p for p in _listed(module) if p.name == name)
     return Synthetic(found)
@@ -164,82 +112,6 @@ def problem(file: str | None, name: str) -> Problem:
 def _listed(module: Any) -> list[Any]:
     problems = module.PROBLEMS
     return list(problems.values() if isinstance(problems, Mapping) else problems)
-
-
-def options_of(method: str) -> RaceOptions:
-    """`default`, or `no-NAME`: the default but for an option, which is irace's."""
-    if method == "default":
-        return RaceOptions()
-    name = method.removeprefix("no-")
-    if method == name or not hasattr(RaceOptions(), name):
-        sys.exit(f"--methods: expected default, no-NAME of an option or {', '.join(METHODS)}, found {method}")
-    return replace(RaceOptions(), **{name: getattr(RaceOptions.irace(), name)})
-
-
-def run(file: str | None, name: str, method: str, budget: int, seed: int) -> Row:
-    """One race to its end."""
-    one = problem(file, name)
-    one.start(seed)
-    evaluating = 0.0
-    began = time.process_time()
-    make = METHODS.get(method) or partial(IteratedRace, options=options_of(method))
-    race = make(one.space, budget=budget, seed=seed)
-    while batch := race.ask():
-        started = time.process_time()
-        costs = [one.cost(race.configurations[e.configuration], e.instance) for e in batch]
-        evaluating += time.process_time() - started
-        race.tell(costs)
-    overhead = time.process_time() - began - evaluating
-    return {
-        "problem": name,
-        "method": method,
-        "budget": budget,
-        "seed": seed,
-        "true_cost": one.true_cost(race.configurations[race.best.configuration]),
-        "used": race.used,
-        "overhead": overhead / race.used,
-    }
-
-
-def fingerprint() -> str:
-    """Of the source of races and of what they know of PFSMs, lest results of other code are taken for this one's."""
-    folder = Path(mercator_design.__file__).parent
-    files = [*folder.glob("race/*.py"), *folder.glob("fsm/*.py")]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:12]
-
-
-def results(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
-    """Of all runs, as they come. Processes are forked, and keep the problems they have read."""
-    if jobs == 1:
-        yield from (run(*task) for task in tasks)
-        return
-    with multiprocessing.get_context("fork").Pool(jobs) as pool:
-        yield from pool.imap_unordered(_run, tasks)
-
-
-def _run(task: Task) -> Row:
-    return run(*task)
-
-
-def all_rows(tasks: Sequence[Task], file: Path | None, jobs: int) -> list[Row]:
-    """The results of all runs, those from the cache first; new ones are appended to it as they come."""
-    code = fingerprint()
-    known: dict[tuple[Any, ...], Row] = {}
-    if file is not None and file.exists():
-        for line in file.read_text(encoding="utf-8").splitlines():
-            row = json.loads(line)
-            if row["code"] == code:
-                known[row["problem"], row["method"], row["budget"], row["seed"]] = row
-    rows = [known[task[1:]] for task in tasks if task[1:] in known]
-    missing = [task for task in tasks if task[1:] not in known]
-    for done, row in enumerate(results(missing, jobs), start=1):
-        rows.append({**row, "code": code})
-        if file is not None:
-            with file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(rows[-1]) + "\n")
-        if sys.stderr.isatty():
-            print(f"\r{done}/{len(missing)}", end="", file=sys.stderr)
-    return rows
 
 
 def print_budget(budget: int, regrets: Mapping[tuple[str, str], list[float]], names: list[str], against: str) -> None:
@@ -282,9 +154,8 @@ def print_verdict(method: str, other: str, regrets: Mapping[tuple[str, str], lis
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problems", metavar="FILE.py")
+    parser.add_argument("--problems", metavar="FILE.py", required=True)
     parser.add_argument("--only", nargs="+", metavar="PROBLEM", help="some of them")
-    parser.add_argument("--missions", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--budgets", nargs="+", type=int, default=[1000, 5000])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--methods", nargs="+", default=["default", "irace"])
@@ -293,36 +164,25 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, metavar="FILE.jsonl", help="where results are kept, to go on later")
     parser.add_argument("-j", "--jobs", type=int, default=1)
     given = parser.parse_args()
-    names = (
-        [name for name in problem_names(given.problems) if not given.only or name in given.only]
-        if given.problems
-        else []
-    )
-    sources: dict[str, str | None] = {**dict.fromkeys(names, given.problems), **dict.fromkeys(given.missions)}
-    if not sources:
-        sys.exit("expected --problems or --missions")
-    tasks = [
-        (file, name, method, budget, seed)
+    names = [name for name in problem_names(given.problems) if not given.only or name in given.only]
+    races = [
+        Race(name, method, budget, seed)
         for budget in given.budgets
-        for name, file in sources.items()
+        for name in names
         for method in given.methods
         for seed in range(1, given.seeds + 1)
     ]
-    rows = all_rows(tasks, given.cache, given.jobs)
+    find = partial(problem, file=given.problems)
+    rows = results(races, find, path=given.cache, jobs=given.jobs)
     if given.irace:
         recorded = json.loads(given.irace.read_text(encoding="utf-8"))["runs"]
         rows += [{**row, "method": "R irace"} for row in recorded if row["method"] == "irace"]
-    by_problem: dict[str, list[Row]] = defaultdict(list)
-    for row in rows:
-        by_problem[row["problem"]].append(row)
-    scales = {name: problem(file, name).scale(by_problem[name]) for name, file in sources.items()}
     for budget in given.budgets:
         regrets: dict[tuple[str, str], list[float]] = defaultdict(list)
         for row in rows:
-            if row["budget"] == budget and row["problem"] in scales:
-                optimum, reference = scales[row["problem"]]
-                regrets[row["problem"], row["method"]].append((row["true_cost"] - optimum) / (reference - optimum))
-        print_budget(budget, regrets, list(sources), given.against)
+            if row["budget"] == budget and row["problem"] in names:
+                regrets[row["problem"], row["method"]].append(find(row["problem"]).regret(row["true_cost"]))
+        print_budget(budget, regrets, names, given.against)
         for method in given.methods:
             own = [row["overhead"] for row in rows if row["method"] == method and row["budget"] == budget]
             print(f"* {method}: the race itself takes {1e6 * np.mean(own):.0f} µs of CPU an experiment")

@@ -1,7 +1,7 @@
 """Two samples of independent runs: could both be of one distribution, and what difference would have been seen?"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -10,6 +10,7 @@ FALSE_DISCOVERIES = 0.01  # rate of Benjamini and Hochberg's procedure; if nothi
 POWER = 0.9  # with which a difference that is called visible is found
 _FEW = 60  # values besides the most frequent one, up to which the test is exact
 _REPEATS = 400
+_RESAMPLES = 2000
 
 
 def mann_whitney(some: np.ndarray, others: np.ndarray) -> float:
@@ -40,6 +41,34 @@ def share_above(some: np.ndarray, others: np.ndarray) -> float:
     n, m = len(some), len(others)
     ranks = rankdata(np.concatenate([some, others]))
     return float((ranks[:n].sum() - n * (n + 1) / 2.0) / (n * m))
+
+
+def interval_of_share(some: np.ndarray, others: np.ndarray, level: float = 0.95) -> tuple[float, float]:
+    """Bounds of `share_above` in the populations: percentiles over samples drawn anew from both, with a fixed seed."""
+    random = np.random.default_rng(1)
+    above = (some[:, None] > others) + 0.5 * (some[:, None] == others)
+    rows = random.integers(len(some), size=(_RESAMPLES, len(some)))
+    columns = random.integers(len(others), size=(_RESAMPLES, len(others)))
+    shares = [above[row][:, column].mean() for row, column in zip(rows, columns, strict=True)]
+    low, high = np.quantile(shares, [0.5 * (1 - level), 0.5 * (1 + level)])
+    return float(low), float(high)
+
+
+def van_elteren(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Two-sided p of van Elteren's test: Mann-Whitney's over several problems, in which only ranks within one count.
+
+    The rank sums are divided by the number of values + 1, so that all problems count alike for each value. The sum is
+    taken for normal; equal values have their mean rank, and the variance is that of the ranks found.
+    """
+    from scipy.stats import norm, rankdata
+
+    distance = variance = 0.0
+    for some, others in pairs:
+        n, total = len(some), len(some) + len(others)
+        ranks = rankdata(np.concatenate([some, others])) / (total + 1)
+        distance += ranks[:n].sum() - n * ranks.mean()
+        variance += n * (total - n) / total * ranks.var(ddof=1)
+    return float(2 * norm.sf(abs(distance) / math.sqrt(variance))) if variance else 1.0
 
 
 def _exact(some: np.ndarray, others: np.ndarray) -> float:

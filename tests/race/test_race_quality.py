@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from benchmarks import race_quality
+from benchmarks import race_quality, race_results
+from benchmarks.race_results import options_of, result_file
 from mercator_design.race import RaceOptions
 from mercator_design.race.methods.moves import Moves
 
@@ -46,10 +47,10 @@ def test_a_problem_s_parameters_become_a_space():
 
 
 def test_methods_are_options():
-    assert race_quality.options_of("default") == RaceOptions()
-    assert race_quality.options_of("no-surrogate") == RaceOptions(surrogate=0)
+    assert options_of("default") == RaceOptions()
+    assert options_of("no-surrogate") == RaceOptions(surrogate=0)
     with pytest.raises(SystemExit, match="expected default, no-NAME of an option or irace, surrogate"):
-        race_quality.options_of("no-such")
+        options_of("no-such")
 
 
 def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, capsys):
@@ -64,7 +65,8 @@ def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, cap
     assert "| tiny | 0.000 (0.000) [8] | 0.000 (0.000) [8] | 1.000 (0.000) [8] |" in first
     assert "* default beside R irace: lower ranks on 1 of 1, better on 1, worse on 0 at 5%" in first
     assert len(cache.read_text().splitlines()) == 16
-    monkeypatch.setattr(race_quality, "run", None)
+    result_file.cache_clear()
+    monkeypatch.setattr(race_results, "run", None)
     race_quality.main()
     assert capsys.readouterr().out == first
 

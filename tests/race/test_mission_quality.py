@@ -1,0 +1,129 @@
+"""The benchmark of designs on missions: how it runs races once, compares and reports."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from scipy.stats import mannwhitneyu
+
+from benchmarks import mission_quality, race_results
+from benchmarks.race_results import Race, fingerprint, results
+from benchmarks.two_samples import interval_of_share, van_elteren
+from mercator_design.race import Space
+from mercator_design.race.space.parameter import real
+
+
+class Near:
+    """The nearer x is to 1, the better."""
+
+    is_maximised = True
+
+    def __init__(self, name="near"):
+        self.space = Space([real("x", 0.0, 1.0)])
+
+    def start(self, seed):
+        self.seed = seed
+
+    def cost(self, configuration, instance):
+        return -configuration["x"] + (instance * 7 + self.seed) % 5 / 10
+
+    def measure(self, configuration):
+        return {"score": configuration["x"]}
+
+    def random_scores(self):
+        return np.array([-0.6, -0.4])
+
+
+def row(mission, method, budget, seed, score):
+    return {"problem": mission, "method": method, "budget": budget, "seed": seed, "score": score}
+
+
+@pytest.fixture
+def near(monkeypatch):
+    monkeypatch.setattr(mission_quality, "problem", Near)
+
+
+def test_missions_load_and_are_of_many_kinds():
+    loaded = [(one.load(), one.flavour) for one in mission_quality.MISSIONS.values()]
+    assert len(loaded) >= 12
+    assert {flavour for _, flavour in loaded} == {"watermelon", "chocolate"}
+    assert {mission.objective.direction for mission, _ in loaded} == {"maximise", "minimise"}
+    assert {3, 20} <= {mission.robots for mission, _ in loaded}
+    assert len({mission.digest for mission, _ in loaded}) == len(loaded)
+
+
+def test_a_run_goes_on_from_its_file(near, tmp_path, monkeypatch, capsys):
+    path = tmp_path / "cache.jsonl"
+    arguments = ["--missions", "aggregation", "--budgets", "100", "200", "--seeds", "6", "--cache", str(path)]
+    monkeypatch.setattr(sys, "argv", ["mission_quality.py", *arguments])
+    mission_quality.main()
+    first = capsys.readouterr().out
+    assert "* default beside irace at 200: better on 1 of 1 missions" in first
+    lines = path.read_text().splitlines(keepends=True)
+    assert len(lines) == 24
+    path.write_text("".join(lines[:-1]) + lines[-1][:40])  # killed in a write
+    race_results.result_file.cache_clear()
+    mission_quality.main()
+    assert capsys.readouterr().out == first
+    monkeypatch.setattr(race_results, "run", None)
+    race_results.result_file.cache_clear()
+    mission_quality.main()
+    assert capsys.readouterr().out == first
+
+
+def test_processes_share_a_file(tmp_path):
+    path = tmp_path / "cache.jsonl"
+    races = [Race("near", method, 100, seed) for seed in range(1, 7) for method in ("irace", "random")]
+    rows = results(races, Near, path=path, jobs=2)
+    assert [(one["method"], one["seed"]) for one in rows] == [(race.method, race.seed) for race in races]
+    assert len(path.read_text().splitlines()) == len(races)
+    mine = race_results.ResultFile(path)
+    assert not mine.claims(races[0])  # it is known
+    earlier = {**rows[0], "code": "0123", "score": 0.25}
+    path.write_text(path.read_text() + json.dumps(earlier) + "\n")
+    both = results([races[0], races[0]._replace(method="irace@0123")], Near, path=path)
+    assert [(one["method"], one["code"]) for one in both] == [("irace", fingerprint()), ("irace@0123", "0123")]
+    assert both[1]["score"] == 0.25
+    with pytest.raises(SystemExit, match="expected a row of near irace@4567 100 1, found none"):
+        results([races[0]._replace(method="irace@4567")], Near, path=path)
+
+
+def test_the_report_says_what_is_better_and_what_is_worse(near):
+    rows = [
+        row(mission, method, budget, seed, seed / 100 + (method == winner) + budget / 1e4)
+        for mission, winner in (("up", "default"), ("down", "irace"), ("same", None))
+        for method in ("default", "irace", "no-structure")
+        for budget in (500, 2000)
+        for seed in range(1, 11)
+    ]
+    lines = list(mission_quality.report(mission_quality.Table(rows), "irace"))
+    assert any(line.startswith("| up | 0.105 (0.08") and "| 1.00 (1.00 to 1.00) | 3.2e-05 |" in line for line in lines)
+    verdict = next(line for line in lines if line.startswith("* default beside irace at 500"))
+    assert (
+        "better on 1 of 3 missions (1 of the 3 with headroom), worse on 1 at 5% (down); higher ranks on 1;" in verdict
+    )
+    assert "mean share of better designs 0.50; van Elteren p 1" in verdict
+    assert any(line.startswith("| structure | 0.67") and "better on 1, worse on 0 of 3" in line for line in lines)
+    assert "* up: at most 500" in lines
+    assert "* down: more than 2000" in lines
+    assert "* same: 2000" in lines
+
+
+def test_van_elteren_s_test_is_mann_whitney_s_on_one_problem():
+    random = np.random.default_rng(1)
+    some, others = random.normal(0.5, 1, 30), random.normal(0, 1, 25).round(1)
+    one = mannwhitneyu(some, others, method="asymptotic", use_continuity=False).pvalue
+    assert van_elteren([(some, others)]) == pytest.approx(one)
+    assert van_elteren([(some, others), (others, some)]) == pytest.approx(1.0, abs=0.2)
+    assert van_elteren([(some, others)] * 4) < one**2
+    assert van_elteren([(np.ones(3), np.ones(3))]) == 1.0
+
+
+def test_the_interval_of_a_share_holds_it_as_often_as_it_says():
+    random = np.random.default_rng(2)
+    inside = 0
+    for _ in range(100):
+        low, high = interval_of_share(random.normal(0.5, 1, 20), random.normal(0, 1, 20))
+        inside += low <= 0.638 <= high  # normal distribution function at 0.5 / sqrt(2)
+    assert inside > 75  # of 95 expected; the bootstrap is a little short

@@ -12,7 +12,6 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 
 
-@jittable
 def lidar_neighbours(
     model: ReferenceModel,
     ranges: Row,
@@ -36,6 +35,25 @@ def lidar_neighbours(
     Returns:
         How many robots were found.
     """
+    every = range(len(ranges))
+    return neighbours_in_hits(
+        model, ranges, every, len(ranges), first_angle, angle_step, distances, bearings_x, bearings_y
+    )
+
+
+@jittable
+def neighbours_in_hits(
+    model: ReferenceModel,
+    ranges: Row,
+    hits: Row,
+    n_hits: int,
+    first_angle: float,
+    angle_step: float,
+    distances: MutableRow,
+    bearings_x: MutableRow,
+    bearings_y: MutableRow,
+) -> int:
+    """As `lidar_neighbours`, of some readings: `hits` has the numbers of n_hits that may be robots, in order."""
     nearest = model.lidar_nearest
     furthest = model.neighbour_range
     n = 0
@@ -50,7 +68,8 @@ def lidar_neighbours(
     first_sum_range = 0.0
     first_sum_angle = 0.0
     start_angle = 0.0
-    for k in range(len(ranges)):
+    for hit in range(n_hits):
+        k = hits[hit]
         distance = ranges[k]
         if not nearest <= distance <= furthest:
             continue

@@ -255,7 +255,7 @@ def proximity_weights(recording: Recording, sensors: Proximity, cycles: Numbers)
 def lidar(recording: Recording, _sensor: object, cycles: Numbers) -> Floats:
     """Distances (cycles, robots, beams) [m]; 0 where nothing is in range (4.2.10)."""
     found = np.zeros((len(cycles), len(recording.noise_keys), len(recording.scene.lidar.beams_x)))
-    compiled(fill_lidar)(recording.scene, _placed(recording, cycles), recording.noise_keys, cycles, found)
+    compiled(fill_lidar)(recording.scene, _scratch(recording), _placed(recording, cycles), cycles, found)
     return found
 
 

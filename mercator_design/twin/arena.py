@@ -180,4 +180,4 @@ def _disturb(scene: Scene, swarm: Swarm, cycle: int) -> None:
 
 def _scan(scene: Scene, swarm: Swarm, tick: int, found: Floats) -> None:
     for i in range(len(found)):
-        scan(scene, swarm.poses, i, swarm.noise_keys[i], tick, found[i])
+        scan(scene, swarm.poses, i, swarm.noise_keys[i], tick, found[i], swarm.hits, swarm.covered)

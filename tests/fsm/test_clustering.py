@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.clustering import lidar_neighbours, neighbours_in_hits
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled
 
@@ -198,8 +198,10 @@ def test_any_turn_is_clustered_as_the_rule_says(runs):
 
 def test_compiled_and_plain_forms_agree_to_the_last_bit():
     ranges = turn_with((0.5, 3.13), (0.4, 0.3), (0.7, -1.0))
-    rows = np.zeros((3, BEAMS))
-    n = compiled(lidar_neighbours)(MODEL, np.array(ranges), -math.pi, STEP, rows[0], rows[1], rows[2])
     plain = [[0.0] * BEAMS for _ in range(3)]
-    assert n == lidar_neighbours(MODEL, ranges, -math.pi, STEP, *plain) == 3
-    assert rows.tolist() == plain
+    assert lidar_neighbours(MODEL, ranges, -math.pi, STEP, *plain) == 3
+    for hits in (np.arange(BEAMS), np.flatnonzero(ranges)):
+        rows = np.zeros((3, BEAMS))
+        found = compiled(neighbours_in_hits)(MODEL, np.array(ranges), hits, len(hits), -math.pi, STEP, *rows)
+        assert found == 3
+        assert rows.tolist() == plain

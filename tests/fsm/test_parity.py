@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design.fsm.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.clustering import lidar_neighbours, neighbours_in_hits
 from mercator_design.fsm.conditions import CONDITIONS, colour_label, ground_level, logistic, probability
 from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
 from mercator_design.fsm.perception import (
@@ -145,7 +145,8 @@ def test_lidar_neighbours(data):
     plain_rows = [[0.0] * len(ranges) for _ in range(3)]
     fast_rows = [np.zeros(len(ranges)) for _ in range(3)]
     n = lidar_neighbours(model, ranges, -math.pi, step, *plain_rows)
-    assert compiled(lidar_neighbours)(model, np.array(ranges), -math.pi, step, *fast_rows) == n
+    row, every = np.array(ranges), np.arange(len(ranges))
+    assert compiled(neighbours_in_hits)(model, row, every, len(ranges), -math.pi, step, *fast_rows) == n
     assert [row.tolist() for row in fast_rows] == plain_rows
     assert all(model.lidar_nearest <= distance <= model.neighbour_range for distance in plain_rows[0][:n])
 
@@ -228,7 +229,7 @@ KERNELS = [
     nearest_label,
     ground_by_vote,
     light_direction,
-    lidar_neighbours,
+    neighbours_in_hits,
     logistic,
     colour_label,
 ]

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.sim.kernels.lidar import _meet_disc, _meet_wall, scan
+from mercator_design.sim.kernels.lidar import GROUP, _meet_disc, _meet_wall, scan
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import DiscBody, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
@@ -154,7 +154,17 @@ def test_a_wall_seen_edge_on_is_met_by_the_beams_along_it_at_most(heading, near,
     found = np.full(719, np.inf)
     x, y = math.cos(direction), math.sin(direction)
     far = near + 1.0
-    _meet_wall(lidar, near * x, near * y, far * x, far * y, math.cos(heading), math.sin(heading), found)
+    _meet_wall(
+        lidar,
+        near * x,
+        near * y,
+        far * x,
+        far * y,
+        math.cos(heading),
+        math.sin(heading),
+        found,
+        np.ones(45, dtype=bool),
+    )
     assert np.isfinite(found).sum() <= 2
     assert found.min() > near - 1e-6
 
@@ -166,7 +176,7 @@ def test_a_large_disc_right_beside_a_lidar_of_few_beams_is_not_behind_it():
         other = (0.3001 * math.cos(bearing), 0.3001 * math.sin(bearing), 0.0)
         scene = simulator(robots=2, robot_model=model, placement=at((0, 0, 0), other)).instance(0).scene
         found = np.full(8, np.inf)
-        _meet_disc(scene.lidar, *other[:2], 0.3, 1.0, 0.0, found)
+        _meet_disc(scene.lidar, *other[:2], 0.3, 1.0, 0.0, found, np.ones(1, dtype=bool))
         beams = 0.1 + np.arange(8) * math.pi / 4
         assert np.isinf(found[np.cos(beams - bearing) < 0]).all()
         assert np.isfinite(found[np.cos(beams - bearing) > 0.03]).all()
@@ -279,11 +289,16 @@ def test_compiled_and_plain_lidars_agree_to_the_last_bit():
         outcome = world.run(STOP, 1)
         measured = outcome.recording.measure("lidar")
         assert measured.any()
-        found = np.zeros(719)
+        found, hits, covered = (
+            np.zeros(719),
+            np.zeros(719, dtype=np.int64),
+            np.zeros(math.ceil(719 / GROUP), dtype=bool),
+        )
         for cycle in range(3):
             poses = outcome.trace.poses[cycle + 1]
             rows = np.hstack([poses, np.cos(poses[:, 2:]), np.sin(poses[:, 2:])])
             for i in range(4):
                 with np.errstate(over="ignore"):
-                    scan(outcome.recording.scene, rows, i, outcome.recording.noise_keys[i], cycle, found)
+                    key = outcome.recording.noise_keys[i]
+                    scan(outcome.recording.scene, rows, i, key, cycle, found, hits, covered)
                 assert np.array_equal(found, measured[cycle, i])

@@ -12,7 +12,7 @@ from mercator_design.sim.robot_parts import LidarNeighbours
 from tests.sim.test_light import lights
 from tests.sim.worlds import simulator
 
-KERNELS = ("cast", "scan_near", "lidar_neighbours", "colour_at", "is_lit", "is_hidden")
+KERNELS = ("cast", "scan_near", "neighbours_in_hits", "colour_at", "is_lit", "is_hidden")
 EPUCK = load_robot_model("epuck")
 BY_LIDAR = dataclasses.replace(
     load_robot_model("mercator-chocolate"), lidar=load_robot_model("mercator").lidar, neighbours=LidarNeighbours()
@@ -66,11 +66,11 @@ ALL = 30  # three robots in ten cycles
         ("--nstates 1 --s0 0 --rwm0 5", {"cast": ALL}),
         ("--nstates 1 --s0 2", {"cast": ALL, "is_lit": ALL}),
         ("--nstates 1 --s0 3", {"cast": ALL, "is_lit": ALL}),
-        ("--nstates 1 --s0 4 --att0 3", {"cast": ALL, "scan_near": ALL, "lidar_neighbours": ALL}),
-        ("--nstates 1 --s0 5 --rep0 3", {"cast": ALL, "scan_near": ALL, "lidar_neighbours": ALL}),
+        ("--nstates 1 --s0 4 --att0 3", {"cast": ALL, "scan_near": ALL, "neighbours_in_hits": ALL}),
+        ("--nstates 1 --s0 5 --rep0 3", {"cast": ALL, "scan_near": ALL, "neighbours_in_hits": ALL}),
         (waiting_for("--c? 0 --p? 0.5"), {"colour_at": ALL}),
         (waiting_for("--c? 2 --p? 0.5"), {"colour_at": ALL}),
-        (waiting_for("--c? 3 --p? 2 --w? 5"), {"scan_near": ALL, "lidar_neighbours": ALL}),
+        (waiting_for("--c? 3 --p? 2 --w? 5"), {"scan_near": ALL, "neighbours_in_hits": ALL}),
         (waiting_for("--c? 5 --p? 0.5"), {}),
     ],
 )

@@ -1,24 +1,36 @@
 """What a lidar sees: walls, boxes and bodies that are higher than it, and the heads of other lidars. Kernels.
 
-Beams start at the robot's centre. Each object covers a range of beams, and only these are computed. So a turn of 719
-beams costs little more than one computation for each beam.
+Beams start at the robot's centre. Each object covers a range of beams, and only these are computed: beams are cleared
+and read in groups, and groups that no object covers are passed over.
 """
 
 import math
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels.noise import LIDAR_DRAWS, NO_NOISE, noise
 from mercator_design.sim.kernels.scene import Lidar, Scene
+
+GROUP = 16
+"""Number of beams that are cleared and read together."""
 
 _END = 1e-9
 """Fraction of a wall's length beyond its end where a beam still meets it, so that none passes through a corner."""
 
 
 @jittable
-def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found: Floats) -> None:
+def scan(
+    scene: Scene,
+    poses: Floats,
+    i: int,
+    key: np.uint64,
+    cycle: int,
+    found: Floats,
+    hits: Numbers,
+    covered: Flags,
+) -> None:
     """One turn of robot i's lidar.
 
     Args:
@@ -28,20 +40,33 @@ def scan(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, found:
         key: Key of its stream of noise.
         cycle: Number of the control cycle.
         found: (beams,) receives distances [m]; 0 where nothing is in range.
+        hits: (beams,) scratch.
+        covered: (groups of beams,) scratch; false before and after.
     """
     for k in range(len(found)):
         found[k] = 0.0
-    scan_near(scene, poses, i, key, cycle, math.inf, found)
+    scan_near(scene, poses, i, key, cycle, math.inf, found, hits, covered)
 
 
 @jittable
-def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, reach: float, found: Floats) -> bool:
+def scan_near(
+    scene: Scene,
+    poses: Floats,
+    i: int,
+    key: np.uint64,
+    cycle: int,
+    reach: float,
+    found: Floats,
+    hits: Numbers,
+    covered: Flags,
+) -> int:
     """One turn of robot i's lidar that is exact up to `reach` [m].
 
-    Other arguments are those of `scan`. A reading beyond the reach is either exact or 0.
+    Other arguments are those of `scan`; `hits` receives the numbers of the beams that something is in range of, in
+    order. Other beams read 0, or are not written to `found`. A beam may read 0 that meets something beyond the reach.
 
     Returns:
-        Whether anything may be within reach; if not, nothing was written to `found`.
+        The number of hits.
     """
     lidar = scene.lidar
     x, y, c, s = poses[i, 0], poses[i, 1], poses[i, 3], poses[i, 4]
@@ -54,43 +79,55 @@ def scan_near(scene: Scene, poses: Floats, i: int, key: np.uint64, cycle: int, r
         start_x, start_y = outlines[w, 0] - x, outlines[w, 1] - y
         if abs(start_x * outlines[w, 4] + start_y * outlines[w, 5]) > reach + lidar.ring:
             continue
-        if is_empty:
-            _clear(found)
-            is_empty = False
-        _meet_wall(lidar, start_x, start_y, start_x + outlines[w, 2], start_y + outlines[w, 3], c, s, found)
+        is_empty = False
+        _meet_wall(lidar, start_x, start_y, start_x + outlines[w, 2], start_y + outlines[w, 3], c, s, found, covered)
     for j in range(len(poses)):
         to_x, to_y = poses[j, 0] - x, poses[j, 1] - y
         if j == i or radius == 0.0 or to_x * to_x + to_y * to_y > centre_reach * centre_reach:
             continue
-        if is_empty:
-            _clear(found)
-            is_empty = False
+        is_empty = False
         if lidar.sees_bodies and not scene.round:
-            _meet_box(scene, to_x, to_y, poses[j, 3], poses[j, 4], c, s, found)
+            _meet_box(scene, to_x, to_y, poses[j, 3], poses[j, 4], c, s, found, covered)
         else:
-            _meet_disc(lidar, to_x, to_y, radius, c, s, found)
+            _meet_disc(lidar, to_x, to_y, radius, c, s, found, covered)
+    n = 0
     if is_empty:
-        return False
+        return n
     noisy = lidar.noise[0] != NO_NOISE
-    for k in range(beams):
-        if found[k] == math.inf:  # the usual case
-            found[k] = 0.0
+    for group in range(len(covered)):
+        if not covered[group]:
             continue
-        distance = found[k] - lidar.ring
-        if not lidar.nearest <= distance <= lidar.furthest:
-            found[k] = 0.0
-        elif noisy:
-            disturbed = distance + noise(lidar.noise, key, LIDAR_DRAWS, cycle * beams + k)
-            found[k] = max(0.0, min(lidar.furthest, disturbed))
-        else:
+        covered[group] = False
+        for k in range(GROUP * group, min(beams, GROUP * (group + 1))):
+            distance = found[k] - lidar.ring
+            if not lidar.nearest <= distance <= lidar.furthest:
+                found[k] = 0.0
+                continue
+            if noisy:
+                disturbed = distance + noise(lidar.noise, key, LIDAR_DRAWS, cycle * beams + k)
+                distance = max(0.0, min(lidar.furthest, disturbed))
             found[k] = distance
-    return True
+            hits[n] = k
+            n += 1
+    return n
 
 
 @jittable
-def _clear(found: Floats) -> None:
-    for k in range(len(found)):
-        found[k] = math.inf
+def _cover(found: Floats, covered: Flags, first: int, count: int) -> int:
+    """Clear what is not covered yet of `count` beams from the first on, which may be negative; return its number."""
+    beams = len(found)
+    first %= beams
+    k, left = first, count
+    while left > 0:
+        group = k // GROUP
+        end = min(beams, GROUP * (group + 1))
+        if not covered[group]:
+            covered[group] = True
+            for each in range(GROUP * group, end):
+                found[each] = math.inf
+        left -= end - k
+        k = end if end < beams else 0
+    return first
 
 
 @jittable
@@ -101,7 +138,15 @@ def _first_beam(lidar: Lidar, angle: float) -> int:
 
 @jittable
 def _meet_wall(
-    lidar: Lidar, start_x: float, start_y: float, end_x: float, end_y: float, c: float, s: float, found: Floats
+    lidar: Lidar,
+    start_x: float,
+    start_y: float,
+    end_x: float,
+    end_y: float,
+    c: float,
+    s: float,
+    found: Floats,
+    covered: Flags,
 ) -> None:
     """Shorten beams that meet a wall between two points, relative to the robot's centre."""
     ax, ay = c * start_x + s * start_y, c * start_y - s * start_x  # in the robot's frame
@@ -113,12 +158,12 @@ def _meet_wall(
     if area < 0.0:  # so that beams go counter-clockwise from the start to the end
         ax, ay, bx, by = bx, by, ax, ay
         wall_x, wall_y, area = -wall_x, -wall_y, -area
-    covered = math.atan2(area, ax * bx + ay * by)  # more exact than a difference of angles for a wall seen end-on
+    width = math.atan2(area, ax * bx + ay * by)  # more exact than a difference of angles for a wall seen end-on
     first = _first_beam(lidar, math.atan2(ay, ax))
-    count = int(covered / lidar.angle_step) + 2
-    beams = len(found)
+    count = int(width / lidar.angle_step) + 2
+    k = _cover(found, covered, first, count + 1) - 1
     for n in range(count + 1):
-        k = (first + n) % beams
+        k = k + 1 if k < len(found) - 1 else 0
         ray_x, ray_y = lidar.beams_x[k], lidar.beams_y[k]
         across = ray_x * wall_y - ray_y * wall_x
         if across <= 0.0:
@@ -132,7 +177,15 @@ def _meet_wall(
 
 @jittable
 def _meet_box(
-    scene: Scene, to_x: float, to_y: float, box_c: float, box_s: float, c: float, s: float, found: Floats
+    scene: Scene,
+    to_x: float,
+    to_y: float,
+    box_c: float,
+    box_s: float,
+    c: float,
+    s: float,
+    found: Floats,
+    covered: Flags,
 ) -> None:
     """Shorten beams that meet the body of another robot at (to_x, to_y) from the robot's centre."""
     along_x, along_y = scene.half_length * box_c, scene.half_length * box_s
@@ -146,11 +199,13 @@ def _meet_box(
         start_x, start_y = to_x + u * along_x + v * aside_x, to_y + u * along_y + v * aside_y
         end_x, end_y = to_x + next_u * along_x + next_v * aside_x, to_y + next_u * along_y + next_v * aside_y
         if start_x * end_y < start_y * end_x:  # this side faces the robot
-            _meet_wall(scene.lidar, start_x, start_y, end_x, end_y, c, s, found)
+            _meet_wall(scene.lidar, start_x, start_y, end_x, end_y, c, s, found, covered)
 
 
 @jittable
-def _meet_disc(lidar: Lidar, to_x: float, to_y: float, radius: float, c: float, s: float, found: Floats) -> None:
+def _meet_disc(
+    lidar: Lidar, to_x: float, to_y: float, radius: float, c: float, s: float, found: Floats, covered: Flags
+) -> None:
     """Shorten beams that meet a disc at (to_x, to_y) from the robot's centre."""
     x, y = c * to_x + s * to_y, c * to_y - s * to_x  # in the robot's frame
     away = math.sqrt(x * x + y * y)
@@ -159,9 +214,9 @@ def _meet_disc(lidar: Lidar, to_x: float, to_y: float, radius: float, c: float, 
     half = math.asin(radius / away)
     first = _first_beam(lidar, math.atan2(y, x) - half)
     count = int(2.0 * half / lidar.angle_step) + 2
-    beams = len(found)
-    for n in range(count + 1):
-        k = (first + n) % beams
+    k = _cover(found, covered, first, count + 1) - 1
+    for _ in range(count + 1):
+        k = k + 1 if k < len(found) - 1 else 0
         ray_x, ray_y = lidar.beams_x[k], lidar.beams_y[k]
         past = x * ray_y - y * ray_x
         half_chord = radius * radius - past * past

@@ -7,7 +7,7 @@ the array that is its last argument, with one row for each requested cycle.
 import math
 
 from mercator_design.arrays import Floats, Keys, Numbers
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.clustering import neighbours_in_hits
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
@@ -78,13 +78,15 @@ def fill_places(
 
 def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floats, found: Floats) -> None:
     """Distance [m] and bearing [rad] of the clusters that a lidar takes as neighbours (cycles, robots, clusters, 2)."""
-    first, step = scene.lidar.first_angle, scene.lidar.angle_step
+    first, step, beams = scene.lidar.first_angle, scene.lidar.angle_step, scans.shape[2]
+    for k in range(beams):
+        swarm.hits[k] = k
     for n in range(len(scans)):
         for i in range(scans.shape[1]):
-            for k in range(scans.shape[2]):
+            for k in range(beams):
                 swarm.scan[k] = scans[n, i, k]
-            clusters = lidar_neighbours(
-                model, swarm.scan, first, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+            clusters = neighbours_in_hits(
+                model, swarm.scan, swarm.hits, beams, first, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
             )
             for k in range(clusters):
                 found[n, i, k, 0] = swarm.distances[k]
@@ -144,8 +146,8 @@ def fill_proximity(scene: Scene, poses: Floats, furthest: float, found: Floats) 
             cast(scene, poses[n], i, furthest, found[n, i])
 
 
-def fill_lidar(scene: Scene, poses: Floats, keys: Keys, cycles: Numbers, found: Floats) -> None:
+def fill_lidar(scene: Scene, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats) -> None:
     """Distances [m] of the lidar's beams (cycles, robots, beams)."""
     for n in range(len(poses)):
         for i in range(poses.shape[1]):
-            scan(scene, poses[n], i, keys[i], cycles[n], found[n, i])
+            scan(scene, poses[n], i, swarm.noise_keys[i], cycles[n], found[n, i], swarm.hits, swarm.covered)

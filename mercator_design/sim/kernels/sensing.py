@@ -2,7 +2,7 @@
 
 import math
 
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.fsm.clustering import neighbours_in_hits
 from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.perception import (
     gray_level,
@@ -105,10 +105,11 @@ def sense_heads(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i
     lidar = scene.lidar
     # Readings beyond neighbour_range are in no cluster, but noise may shorten a reading slightly beyond.
     reach = model.neighbour_range + abs(lidar.noise[1]) + _MAX_DEVIATIONS * lidar.noise[2]
-    if not scan_near(scene, swarm.poses, i, swarm.noise_keys[i], cycle, reach, swarm.scan):
-        return 0
-    return lidar_neighbours(
-        model, swarm.scan, lidar.first_angle, lidar.angle_step, swarm.distances, swarm.bearings_x, swarm.bearings_y
+    key, found, hits = swarm.noise_keys[i], swarm.scan, swarm.hits
+    n_hits = scan_near(scene, swarm.poses, i, key, cycle, reach, found, hits, swarm.covered)
+    angle, step = lidar.first_angle, lidar.angle_step
+    return neighbours_in_hits(
+        model, found, hits, n_hits, angle, step, swarm.distances, swarm.bearings_x, swarm.bearings_y
     )
 
 

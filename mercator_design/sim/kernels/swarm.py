@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mercator_design.arrays import Flags, Floats, Keys
+from mercator_design.arrays import Flags, Floats, Keys, Numbers
 from mercator_design.fsm.control import DRAWS, MEMORY
 from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 
 
@@ -34,6 +35,8 @@ class Swarm(NamedTuple):
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
     scan: Floats  # (beams,) of the lidar
+    hits: Numbers  # (beams,) those that something is in range of
+    covered: Flags  # (groups of beams,) false between scans
     distances: Floats  # (robots or more,) of neighbours; one that attracts several times is there several times
     bearings_x: Floats  # (the same,)
     bearings_y: Floats  # (the same,)
@@ -75,6 +78,8 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         proximity=np.zeros(len(scene.proximity.directions_x)),
         light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),
+        hits=np.zeros(beams, dtype=np.int64),
+        covered=np.zeros(math.ceil(beams / GROUP), dtype=np.bool_),
         distances=np.zeros(max_neighbours),
         bearings_x=np.zeros(max_neighbours),
         bearings_y=np.zeros(max_neighbours),

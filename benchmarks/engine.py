@@ -39,6 +39,7 @@ from mercator_design.fsm.control import DRAWS
 from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
 from mercator_design.sim.simulate import Simulator
@@ -69,7 +70,8 @@ def naive(world: World, fsm: Pfsm, seed: int) -> list[tuple[float, float]]:
     """The experiment in plain pymunk and Python."""
     level = painted(world.mission)
     instance, model = world.instance(seed), world.robot_model.reference_model
-    space, scene, robots = instance.space, instance.scene, instance.robots
+    scene, referee = instance.scene, Referee(instance.scene, instance.swarm)
+    space, robots = referee.space, referee.robots
     for number, (robot, pose) in enumerate(zip(robots, instance.swarm.poses.tolist(), strict=True), start=1):
         robot.body.position, robot.body.angle = pose[:2], pose[2]
         robot.shape.filter = pymunk.ShapeFilter(group=number)

@@ -38,13 +38,12 @@ from mercator_design.jit import jittable
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.executors import available_jobs
 from mercator_design.seeds import instance_seed
-from mercator_design.sim import simulate
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Outcome, Simulator
-from mercator_design.sim.world import Instance
 
 CHECKED = 4  # experiments in which the robots in the space are counted
 
@@ -141,13 +140,13 @@ def marked(crowd: Crowd, seed: int, mark: Mark = everybody_close) -> dict[str, f
 def in_the_space(crowd: Crowd, seed: int) -> float:
     """The fraction of robot-cycles of a run of the engine in which a robot is in Chipmunk's space."""
     close: list[float] = []
-    motion = simulate.referee_motion
+    move = Referee.move
 
-    def noted(instance: Instance) -> None:
-        motion(instance)
-        close.append(float(instance.swarm.close.mean()))
+    def noted(referee: Referee) -> None:
+        move(referee)
+        close.append(float(referee.swarm.close.mean()))
 
-    with patch.object(simulate, "referee_motion", noted):
+    with patch.object(Referee, "move", noted):
         simulator(crowd).run(parse(FSM), seed, referee=True)
     return float(np.mean(close))
 

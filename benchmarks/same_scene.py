@@ -26,9 +26,10 @@ from mercator_design.robot.devices.samples import heading
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
-from mercator_design.sim.simulate import Simulator, referee_motion
+from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.arena import TwinArena, without_noise
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -152,11 +153,12 @@ def moved(wheels: Callable[[int], Wheels], cycles: int) -> tuple[Floats, Floats]
     at_rest: Sequence[Pose] = [(0.0, 0.0, 0.0)]
     instance, world = Simulator(mission(at_rest), MERCATOR).instance(1), World(at_rest)
     swarm, simulated, twin = instance.swarm, [], []
+    referee = Referee(instance.scene, swarm)
     begins = world.robots.now
     for cycle in range(cycles):
         swarm.poses[:, 3], swarm.poses[:, 4] = np.cos(swarm.poses[:, 2]), np.sin(swarm.poses[:, 2])
         swarm.commands[:] = SPEED * np.array(wheels(cycle))
-        referee_motion(instance)
+        referee.move()
         simulated.append(swarm.poses[0, :3].copy())
         world.robots.robots[0].drive(wheels(cycle), SPEED, world.robots.now)
         world.robots.until(begins + (cycle + 1) * PERIOD)

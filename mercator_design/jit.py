@@ -301,11 +301,15 @@ def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[...,
 
 
 @functools.cache
-def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
-    """A call, for compiled code only, of a C function `void f(...)`: `call(address, (values, ...))`.
+def c_call(*arguments: str, result: str = "nothing") -> Callable[[int, tuple[float, ...]], int]:
+    """A call, for compiled code only, of a C function: `call(address, (values, ...))`.
+
+    A vector of two doubles that is passed by value is two arguments: so it is on x86-64 (System V) and on AArch64, not
+    on Windows.
 
     Args:
-        arguments: "pointer" (the value is an int64 address) or "double", in the order of the C function.
+        arguments: "pointer" (the value is an int64 address), "int" or "double", in the order of the C function.
+        result: "nothing" or "pointer".
     """
 
     def call(typing_context: Any, address: Any, values: Any) -> Any:
@@ -313,22 +317,24 @@ def c_call(*arguments: str) -> Callable[[int, tuple[float, ...]], None]:
         from numba import types
         from numba.core import cgutils
 
-        byte = ir.PointerType(ir.IntType(8))
-        c_types = [byte if argument == "pointer" else ir.DoubleType() for argument in arguments]
-        c_function = ir.PointerType(ir.FunctionType(ir.VoidType(), c_types))
+        byte, number = ir.PointerType(ir.IntType(8)), ir.IntType(32)
+        c_types = [{"pointer": byte, "int": number, "double": ir.DoubleType()}[argument] for argument in arguments]
+        is_pointer = result == "pointer"
+        c_function = ir.PointerType(ir.FunctionType(byte if is_pointer else ir.VoidType(), c_types))
         values_of: Callable[[Any, Any], list[Any]] = cgutils.unpack_tuple
 
         def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            convert = {byte: builder.inttoptr, number: builder.trunc}
             passed = [
-                builder.inttoptr(value, byte) if c_type == byte else value
+                convert[c_type](value, c_type) if c_type in convert else value
                 for value, c_type in zip(values_of(builder, given[1]), c_types, strict=True)
             ]
-            builder.call(builder.inttoptr(given[0], c_function), passed)
-            return context.get_dummy_value()
+            found = builder.call(builder.inttoptr(given[0], c_function), passed)
+            return builder.ptrtoint(found, ir.IntType(64)) if is_pointer else context.get_dummy_value()
 
-        return types.void(types.int64, values), build
+        return (types.int64 if is_pointer else types.void)(types.int64, values), build
 
-    return _intrinsic(call, "_".join(["call", *arguments]))
+    return _intrinsic(call, "_".join(["call", *arguments, *([result] if result != "nothing" else [])]))
 
 
 @functools.cache

@@ -30,7 +30,7 @@ from mercator_design.missions.floor import Tiles
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.kernels import kernel
-from mercator_design.sim.kernels.chipmunk import Bridge, leave, new_bridge
+from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
 from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
@@ -221,12 +221,12 @@ class Original:
         set_scene(mission, scene, swarm, loop)
         history = new_history(mission.cycles, mission.robots, everything=True)
         stream = np.array([robot.random_raw(mission.cycles * DRAWS // 2 + mission.cycles) for robot in robots], float)
-        bridge = new_bridge(instance.space, instance.robots)
+        space = Space(scene.physics, mission.robots)
         order = np.zeros((mission.robots, MAX_TRANSITIONS), dtype=np.int64)
         place = np.zeros(mission.robots + 1, dtype=np.int64)
         compiled(rerun)(
-            bridge, scene, model.reference_model, program_arrays(pfsm), swarm, history, order, stream, self._shuffles,
-            place,
+            space.bridge, scene, model.reference_model, program_arrays(pfsm), swarm, history, order, stream,
+            self._shuffles, place,
         )  # fmt: skip
         trace = Trace(
             poses=history.poses,

@@ -23,8 +23,9 @@ from mercator_design.missions.floor import Tiles
 from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.sight import cast
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.simulate import Simulator, referee_motion
+from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 
 NEAR, BEYOND = -9.0, 9.0  # how a trace writes minus and plus infinity
@@ -230,11 +231,12 @@ def drive(trace: Trace, shift: np.ndarray | float = 0.0) -> tuple[np.ndarray, np
         kind = int(all(shape.body and shape.body.body_type == pymunk.Body.DYNAMIC for shape in arbiter.shapes))
         first[kind] = min(first[kind], cycle)
 
-    instance.space.on_collision(begin=note)
+    referee = Referee(instance.scene, swarm)
+    referee.space.on_collision(begin=note)
     found = [swarm.poses[:, :3].copy()]
     for cycle, commands in enumerate(trace.commands[:-1], start=1):  # noqa: B007 - read by `note`
         swarm.commands[:] = commands
-        referee_motion(instance)
+        referee.move()
         put(instance, swarm.poses[:, :3].copy())
         found.append(swarm.poses[:, :3].copy())
     return np.array(found), first

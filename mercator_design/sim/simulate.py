@@ -6,9 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pymunk
 
-from mercator_design.arrays import Floats
 from mercator_design.errors import FsmError, MissionError, SimulationError, described
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
@@ -21,8 +19,10 @@ from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels import kernel
-from mercator_design.sim.kernels.chipmunk import new_bridge
-from mercator_design.sim.kernels.swarm import History, new_history
+from mercator_design.sim.kernels.chipmunk import Space
+from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.swarm import History, Swarm, new_history
+from mercator_design.sim.referee import referee_experiment
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.world import Instance, World
 
@@ -141,9 +141,9 @@ class Simulator:
     ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
         floor = instance.scene.floor.copy()
-        run = _referee if referee or not jit_wanted() else _compiled
+        run = referee_experiment if referee or not jit_wanted() else _compiled
         try:
-            run(instance, instance.robot_model.reference_model, program_arrays(pfsm), history)
+            run(instance.scene, instance.robot_model.reference_model, program_arrays(pfsm), instance.swarm, history)
         except Exception as error:
             place = line_of(error)
             if not place:  # of no plugin's kernel
@@ -209,54 +209,7 @@ def program_arrays(pfsm: Pfsm) -> Program:
     return Program(*arrays)
 
 
-def _compiled(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
+def _compiled(scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History) -> None:
     """The whole experiment in one compiled call."""
-    bridge = new_bridge(instance.space, instance.robots)
-    compiled(kernel.experiment)(bridge, instance.scene, model, program, instance.swarm, history)
-
-
-def _referee(instance: Instance, model: ReferenceModel, program: Program, history: History) -> None:
-    """The loop of `kernel.experiment` with pymunk's public functions."""
-    scene, swarm = instance.scene, instance.swarm
-    note_poses, sense_and_control = compiled(kernel.note_poses), compiled(kernel.sense_and_control)
-    with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
-        note_poses(swarm, history, 0)
-        for cycle in range(len(history.states)):
-            referee_motion(instance)
-            note_poses(swarm, history, cycle + 1)
-            sense_and_control(scene, model, program, swarm, history, cycle)
-
-
-def referee_motion(instance: Instance) -> None:
-    """One control cycle of motion, by the commands and from the poses and velocities in `instance.swarm`."""
-    space, scene, swarm = instance.space, instance.scene, instance.swarm
-    compiled(kernel.begin_motion)(scene, swarm)
-    for i, robot in enumerate(instance.robots):
-        if robot.body.space and not swarm.close[i]:
-            space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
-    close = np.flatnonzero(swarm.close).tolist()
-    for i in close:
-        robot = instance.robots[i]
-        if not robot.body.space:
-            _write_state(robot.body, swarm.poses[i], swarm.velocities[i])
-            space.add(robot.body, robot.shape)
-            space.add(robot.pivot, robot.gear)
-        robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
-        robot.goal.angular_velocity = float(swarm.targets[i, 2])
-    if close:
-        for _ in range(scene.sub_steps):
-            space.step(scene.time_step)
-        for i in close:
-            body = instance.robots[i].body
-            swarm.poses[i, :3] = *body.position, body.angle
-            swarm.velocities[i] = *body.velocity, body.angular_velocity
-        compiled(kernel.end_motion)(scene, swarm)
-        for i in np.flatnonzero(swarm.moved).tolist():
-            _write_state(instance.robots[i].body, swarm.poses[i], swarm.velocities[i])
-
-
-def _write_state(body: pymunk.Body, pose: Floats, velocity: Floats) -> None:
-    body.position = tuple(pose[:2].tolist())
-    body.angle = float(pose[2])
-    body.velocity = tuple(velocity[:2].tolist())
-    body.angular_velocity = float(velocity[2])
+    space = Space(scene.physics, len(swarm.poses))
+    compiled(kernel.experiment)(space.bridge, scene, model, program, swarm, history)

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import pymunk
 
 from mercator_design.arrays import Flags, Floats
-from mercator_design.missions.arena import Box
+from mercator_design.missions.arena import WALL_THICKNESS, Box
 from mercator_design.missions.mission import Mission
 from mercator_design.seeds import generator
 from mercator_design.sim.kernels import scene
@@ -41,6 +42,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         wall_height=mission.arena.wall_height,
         boxes=np.array([_box_row(box) for box in mission.arena.obstacles]).reshape(-1, 7),
         floor=mission.realise_floor(generator(0, "floor")),
+        physics=_physics(mission, model, walls),
         round=isinstance(model.body, DiscBody),
         half_length=half_length,
         half_width=half_width,
@@ -48,10 +50,6 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         body_height=model.body.height,
         tread_distance=model.drive.tread_distance,
         maximum_speed=model.drive.maximum_speed,
-        mass=model.body.mass,
-        inertia=model.body.moment_of_inertia,
-        force=model.drive.force,
-        torque=model.drive.torque,
         wheel_noise=noise_row(model.drive.noise),
         proximity=_proximity(model),
         ground=_ground(mission, model),
@@ -63,6 +61,37 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         sub_steps=sub_steps,
         time_step=mission.control_period / sub_steps,
     )
+
+
+def _physics(mission: Mission, model: RobotModel, walls: Floats) -> scene.Physics:
+    physics, body, drive = model.physics, model.body, model.drive
+    is_disc, (half_length, half_width) = isinstance(body, DiscBody), body.half_size
+    outlines = [*wall_slabs(walls), *(box.corners() for box in mission.arena.obstacles)]
+    # In the order in which Chipmunk keeps corners, because contacts depend on it.
+    hulls = [pymunk.Poly(None, outline.tolist()).get_vertices() for outline in outlines]
+    return scene.Physics(
+        iterations=physics.solver_iterations,
+        slop=physics.collision_slop,
+        obstacles=np.array(hulls, dtype=float).reshape(-1, 4, 2),
+        obstacle_friction=physics.wall_friction,
+        radius=half_length if is_disc else 0.0,
+        core_length=2.0 * (half_length - physics.corner_radius),
+        core_width=2.0 * (half_width - physics.corner_radius),
+        corner_radius=physics.corner_radius,
+        mass=body.mass,
+        inertia=body.moment_of_inertia,
+        friction=body.friction,
+        elasticity=body.elasticity,
+        force=drive.force,
+        torque=drive.torque,
+    )
+
+
+def wall_slabs(walls: Floats) -> Floats:
+    """The corners (walls, 4, 2) of walls (walls, 6) with their thickness: of the inner face, then the outer ones."""
+    starts, ends = walls[:, :2], np.roll(walls[:, :2], -1, axis=0)
+    outwards = -WALL_THICKNESS * walls[:, 4:6]
+    return np.stack([starts, ends, ends + outwards, starts + outwards], axis=1)
 
 
 def edges(corners: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Makes instances: the floor, starting poses, random streams and pymunk space of a seed.
+"""Makes instances: the floor, starting poses and random streams of a seed.
 
 staging.py makes the part that is equal in all instances of a mission.
 """
@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pymunk
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError
@@ -16,13 +15,11 @@ from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, candidates
 from mercator_design.seeds import generator, stream_keys
-from mercator_design.sim.kernels.chipmunk import ChipmunkRobot
 from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.robot_parts import DiscBody
-from mercator_design.sim.staging import new_scene
+from mercator_design.sim.staging import new_scene, wall_slabs
 
 _MAX_TRIALS_OF_ROBOT = 1000  # poses tried for one robot before all are placed again, as in the original
 _MAX_TRIALS = 300_000  # poses tried in all: half a second
@@ -34,8 +31,6 @@ class Instance:
     """An instance for one run. The run changes it: robots move, and the floor may change."""
 
     robot_model: RobotModel
-    space: pymunk.Space  # the arena; robots enter it when they come close to something
-    robots: list[ChipmunkRobot]
     scene: Scene
     swarm: Swarm
     zone_rows: dict[str, tuple[int, ...]]
@@ -54,8 +49,6 @@ class World:
         # Cycles are divided evenly.
         self._sub_steps = math.ceil(mission.control_period / robot_model.physics.time_step - 1e-9)
         self._scene = new_scene(mission, robot_model, self._sub_steps)
-        boxes = [box.corners() for box in mission.arena.obstacles]
-        self._obstacles: list[list[tuple[float, float]]] = [each.tolist() for each in [*self._wall_corners(), *boxes]]
         self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
         self._check_room()
@@ -83,7 +76,7 @@ class World:
 
     def _check_walls(self) -> None:
         """Check that no outer wall, with its thickness, extends into another part of the arena."""
-        slabs = self._wall_corners()
+        slabs = wall_slabs(self._scene.walls)
         just_within = 1e-6 * slabs.mean(axis=1, keepdims=True) + (1.0 - 1e-6) * slabs
         outer = just_within[:, 2:].reshape(-1, 2)
         for x, y in outer[self.mission.arena.contains(outer)][:1]:
@@ -105,27 +98,7 @@ class World:
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
         )
-        robots = [self._robot() for _ in poses]
-        return Instance(self.robot_model, self._empty_space(), robots, scene, swarm, self._zone_rows)
-
-    def _empty_space(self) -> pymunk.Space:
-        """The arena without robots."""
-        physics = self.robot_model.physics
-        space = pymunk.Space()
-        space.iterations = physics.solver_iterations
-        space.collision_slop = physics.collision_slop
-        for corners in self._obstacles:
-            shape = pymunk.Poly(space.static_body, corners)
-            shape.friction = physics.wall_friction
-            space.add(shape)
-        return space
-
-    def _wall_corners(self) -> Floats:
-        """The outer walls (walls, 4, 2): the two corners of the inner face, then the outer ones."""
-        walls = self._scene.walls
-        starts, ends = walls[:, :2], np.roll(walls[:, :2], -1, axis=0)
-        outwards = -WALL_THICKNESS * walls[:, 4:6]
-        return np.stack([starts, ends, ends + outwards, starts + outwards], axis=1)
+        return Instance(self.robot_model, scene, swarm, self._zone_rows)
 
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""
@@ -164,28 +137,6 @@ class World:
             if k >= 0:
                 return places[k], batch * _BATCH
         return None, batches * _BATCH
-
-    def _robot(self) -> ChipmunkRobot:
-        """A robot with its drive, in no space yet."""
-        model, corner_radius = self.robot_model.body, self.robot_model.physics.corner_radius
-        body = pymunk.Body(model.mass, model.moment_of_inertia)
-        length, width = model.half_size
-        if isinstance(model, DiscBody):
-            shape: pymunk.Shape = pymunk.Circle(body, length)
-        else:
-            within = 2.0 * (length - corner_radius), 2.0 * (width - corner_radius)
-            shape = pymunk.Poly.create_box(body, within, corner_radius)
-        shape.friction = model.friction
-        shape.elasticity = model.elasticity
-        goal = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        pivot = pymunk.PivotJoint(goal, body, (0.0, 0.0), (0.0, 0.0))
-        gear = pymunk.GearJoint(goal, body, 0.0, 1.0)
-        drive = self.robot_model.drive
-        for joint, limit in ((pivot, drive.force), (gear, drive.torque)):
-            joint.max_bias = 0.0  # velocities are to agree, not positions
-            joint.error_bias = 0.0
-            joint.max_force = limit
-        return ChipmunkRobot(body, shape, pivot, gear, goal)
 
 
 def _places_of(poses: Floats) -> Floats:

@@ -19,14 +19,15 @@ from mercator_design.missions.mission import Mission
 from mercator_design.robot.protocols.multiflex import SENSORS
 from mercator_design.robot.protocols.ydlidar import encode_command
 from mercator_design.sim.devices import PARTS, Recording
-from mercator_design.sim.kernels.chipmunk import new_bridge
+from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.kernels.kernel import move, note_poses
 from mercator_design.sim.kernels.lidar import scan
 from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_history
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.sim.simulate import Simulator, referee_motion
+from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.devices.drive import Treads
 from mercator_design.twin.devices.lidar import FINE, TwinLidar
 
@@ -77,12 +78,12 @@ class TwinArena:
         self.samples, self.robots = robot_model.lidar.beams, n
         self.period, self.ticks = scene.time_step, 0
         self.cycle, self._scene, self._swarm = cycle, scene, instance.swarm
-        self._instance = dataclasses.replace(instance, scene=scene)
         self._still = scene._replace(floor=scene.floor._replace(changes=scene.floor.changes[:0]))
+        self._space = Space(scene.physics, n) if jit_wanted() else None  # lives as long as the bridge to it
         self._move: Callable[[], None] = (
-            functools.partial(compiled(move), new_bridge(instance.space, instance.robots), scene, self._swarm)
-            if jit_wanted()
-            else functools.partial(referee_motion, self._instance)
+            Referee(scene, self._swarm).move
+            if self._space is None
+            else functools.partial(compiled(move), self._space.bridge, scene, self._swarm)
         )
         self._start = self._swarm.poses[:, :3].copy()
         self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # a ring buffer

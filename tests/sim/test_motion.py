@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.arena import Arena, Box, Polygon, RegularPolygon
-from mercator_design.sim import simulate
 from mercator_design.sim.kernels.overlaps import PlacedBody, box_overlap
 from mercator_design.sim.kernels.placing import first_free
+from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Drive, Gaussian
 from mercator_design.sim.simulate import Simulator
@@ -75,7 +75,7 @@ def test_a_model_may_say_its_moment_of_inertia():
     inertia = 20 * MERCATOR.body.moment_of_inertia
     model = dataclasses.replace(MERCATOR, body=dataclasses.replace(MERCATOR.body, inertia=inertia))
     world = simulator(duration=60, apothem=1.5, placement=at((0, 0, 0.1)), robot_model=model)
-    assert world.instance(0).robots[0].body.moment == inertia
+    assert world.instance(0).scene.physics.inertia == inertia
     outcome = world.run(EXPLORE, 3, record=True)
     wheels = 0.3 * outcome.history.wheels[:, 0]
     turning = np.flatnonzero(wheels[:, 0] < 0)[:1]
@@ -178,14 +178,14 @@ def test_wheel_noise_is_proportional_to_speed():
 def test_robots_that_are_not_close_touch_nothing(monkeypatch):
     """In crowded runs no robot overlaps a wall or robot, more than before, in a cycle in which it is not marked."""
     cycles = []
-    motion = simulate.referee_motion
+    move = Referee.move
 
-    def noted(instance):
-        before = instance.swarm.poses[:, :3].copy()
-        motion(instance)
-        cycles.append((before, instance.swarm.poses[:, :3].copy(), instance.swarm.close.copy()))
+    def noted(referee):
+        before = referee.swarm.poses[:, :3].copy()
+        move(referee)
+        cycles.append((before, referee.swarm.poses[:, :3].copy(), referee.swarm.close.copy()))
 
-    monkeypatch.setattr(simulate, "referee_motion", noted)
+    monkeypatch.setattr(Referee, "move", noted)
     world = simulator(robots=8, duration=30, robot_model=BLIND)
     for seed in range(3):
         world.run(WANDER, seed, referee=True)

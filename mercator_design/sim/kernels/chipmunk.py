@@ -1,18 +1,20 @@
-"""The bridge to Chipmunk: how compiled code steps a space that pymunk built and owns.
+"""The bridge to Chipmunk: how compiled code builds a space, steps it and takes it down again.
 
-pymunk's cffi library exports Chipmunk's functions, whose addresses compiled code can call. All arguments are pointers
-and doubles: passing vectors by value differs between systems, so positions and velocities are read and written in the
-memory of a body. Their offsets there are determined (not assumed) once in each process, by `body_layout`.
+pymunk's cffi library exports Chipmunk's functions, whose addresses compiled code can call. Positions and velocities are
+read and written in the memory of a body. Their offsets there are determined (not assumed) once in each process, by
+`body_layout`.
 
 A robot is a body with a shape, and a drive: a kinematic body that has the target velocity, and two joints that pull the
 robot's velocity towards it with limited force and torque. ARGoS drives its robots in the same way
 (dynamics2d_velocity_control.cpp). The joints are solved together with the contacts, so a robot that pushes against a
 wall keeps its heading.
+
+The referee (referee.py) builds the same space of pymunk's objects.
 """
 
-from dataclasses import dataclass
+import weakref
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pymunk
@@ -20,14 +22,26 @@ from pymunk._chipmunk_cffi import ffi, lib
 
 from mercator_design.arrays import Floats, Numbers
 from mercator_design.errors import SimulationError
-from mercator_design.jit import c_call, jittable, memory_access
+from mercator_design.jit import c_call, compiled, jittable, memory_access
+from mercator_design.sim.kernels.scene import Physics
 
+_new = c_call(result="pointer")
+_new_body = c_call("double", "double", result="pointer")
+_new_polygon = c_call("pointer", "int", "pointer", "double", result="pointer")
+_new_box = c_call("pointer", "double", "double", "double", result="pointer")
+_new_disc = c_call("pointer", "double", "double", "double", result="pointer")  # the last two are a vector
+_new_pivot = c_call("pointer", "pointer", "double", "double", "double", "double", result="pointer")  # two vectors
+_new_gear = c_call("pointer", "pointer", "double", "double", result="pointer")
+_call_pointer = c_call("pointer")
+_call_pointer_int = c_call("pointer", "int")
 _call_pointer_double = c_call("pointer", "double")
 _call_pointer_pointer = c_call("pointer", "pointer")
 _load, _store = memory_access()
 
 BODY, SHAPE, PIVOT, GEAR, GOAL = range(5)
 """Columns of `Bridge.robots`."""
+SPACE, STATIC, OBSTACLES = range(3)
+"""Items of `Bridge.arena`: a space, the body of its obstacles, and the first of their shapes."""
 
 # The fields lie in the first part of Chipmunk's struct cpBody, behind two pointers, masses and the centre of gravity.
 _SEARCHED = 144  # [bytes]
@@ -42,61 +56,67 @@ class BodyLayout(NamedTuple):
     turn: int  # angular velocity
 
 
+class Functions(NamedTuple):
+    """Addresses of Chipmunk's functions: `space_new` is that of cpSpaceNew, and so on."""
+
+    space_new: int
+    space_free: int
+    space_set_iterations: int
+    space_set_collision_slop: int
+    space_step: int
+    space_add_body: int
+    space_add_shape: int
+    space_add_constraint: int
+    space_remove_body: int
+    space_remove_shape: int
+    space_remove_constraint: int
+    body_new: int
+    body_new_static: int
+    body_new_kinematic: int
+    body_free: int
+    body_set_angle: int
+    poly_shape_new_raw: int
+    box_shape_new: int
+    circle_shape_new: int
+    shape_set_friction: int
+    shape_set_elasticity: int
+    shape_free: int
+    pivot_joint_new2: int
+    gear_joint_new: int
+    constraint_set_max_force: int
+    constraint_set_max_bias: int
+    constraint_set_error_bias: int
+    constraint_free: int
+
+
 class Bridge(NamedTuple):
-    """Addresses of Chipmunk's functions, of a space, and of its robots."""
+    """Addresses of Chipmunk's functions, of a space, and of what is in it."""
 
-    step: int
-    set_angle: int
-    add_body: int
-    add_shape: int
-    add_constraint: int
-    remove_body: int
-    remove_shape: int
-    remove_constraint: int
-    space: int
-    robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the target velocity
+    call: Functions
     layout: BodyLayout
+    arena: Numbers  # (2 + obstacles,) the space, the static body, and the shapes of the obstacles
+    robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the target velocity
 
 
-@dataclass(frozen=True, slots=True)
-class ChipmunkRobot:
-    """A robot as pymunk objects."""
+class Space:
+    """A space of Chipmunk with obstacles, and robots that are not in it yet. It lives as long as this object.
 
-    body: pymunk.Body
-    shape: pymunk.Shape
-    pivot: pymunk.PivotJoint
-    gear: pymunk.GearJoint
-    goal: pymunk.Body  # kinematic: has the target velocity of the drive; in no space
+    Args:
+        physics: What it is built from.
+        robots: Number of robots.
+    """
 
-
-def new_bridge(space: pymunk.Space, robots: list[ChipmunkRobot]) -> Bridge:
-    """The bridge to a space; valid as long as the space and the robots live."""
-
-    def function(name: str) -> int:
-        return _address(ffi.addressof(lib, name))
-
-    # pymunk has no public names for the C objects.
-    pointers = [
-        [r.body._body, r.shape._shape, r.pivot._constraint, r.gear._constraint, r.goal._body]  # noqa: SLF001
-        for r in robots
-    ]
-    return Bridge(
-        step=function("cpSpaceStep"),
-        set_angle=function("cpBodySetAngle"),
-        add_body=function("cpSpaceAddBody"),
-        add_shape=function("cpSpaceAddShape"),
-        add_constraint=function("cpSpaceAddConstraint"),
-        remove_body=function("cpSpaceRemoveBody"),
-        remove_shape=function("cpSpaceRemoveShape"),
-        remove_constraint=function("cpSpaceRemoveConstraint"),
-        space=_address(space._space),  # noqa: SLF001
-        robots=np.array([[_address(pointer) for pointer in row] for row in pointers], dtype=np.int64),
-        layout=body_layout(),
-    )
+    def __init__(self, physics: Physics, robots: int) -> None:
+        arena = np.zeros(2 + len(physics.obstacles), dtype=np.int64)
+        self.bridge = Bridge(_functions(), body_layout(), arena, np.zeros((robots, 5), dtype=np.int64))
+        compiled(build)(self.bridge, physics)
+        weakref.finalize(self, compiled(take_down), self.bridge)
 
 
-def _address(pointer: Any) -> int:  # noqa: ANN401 - cffi's pointers have no types
-    return int(ffi.cast("intptr_t", pointer))
+@cache
+def _functions() -> Functions:
+    names = [f"cp{field.title().replace('_', '')}" for field in Functions._fields]
+    return Functions(*(int(ffi.cast("intptr_t", ffi.addressof(lib, name))) for name in names))
 
 
 @cache
@@ -127,6 +147,60 @@ def body_layout() -> BodyLayout:
 
 
 @jittable
+def build(bridge: Bridge, physics: Physics) -> None:
+    """Make a space with its obstacles, and the robots."""
+    call, arena = bridge.call, bridge.arena
+    space, static = _new(call.space_new, ()), _new(call.body_new_static, ())
+    arena[SPACE], arena[STATIC] = space, static
+    _call_pointer_int(call.space_set_iterations, (space, physics.iterations))
+    _call_pointer_double(call.space_set_collision_slop, (space, physics.slop))
+    _call_pointer_pointer(call.space_add_body, (space, static))
+    corners = physics.obstacles.shape[1]
+    for k in range(len(physics.obstacles)):
+        shape = _new_polygon(call.poly_shape_new_raw, (static, corners, physics.obstacles[k].ctypes.data, 0.0))
+        _call_pointer_double(call.shape_set_friction, (shape, physics.obstacle_friction))
+        _call_pointer_pointer(call.space_add_shape, (space, shape))
+        arena[OBSTACLES + k] = shape
+    for i in range(len(bridge.robots)):
+        _build_robot(call, bridge.robots[i], physics)
+
+
+@jittable
+def _build_robot(call: Functions, robot: Numbers, physics: Physics) -> None:
+    body, goal = _new_body(call.body_new, (physics.mass, physics.inertia)), _new(call.body_new_kinematic, ())
+    if physics.radius > 0.0:
+        shape = _new_disc(call.circle_shape_new, (body, physics.radius, 0.0, 0.0))
+    else:
+        shape = _new_box(call.box_shape_new, (body, physics.core_length, physics.core_width, physics.corner_radius))
+    _call_pointer_double(call.shape_set_friction, (shape, physics.friction))
+    _call_pointer_double(call.shape_set_elasticity, (shape, physics.elasticity))
+    pivot = _new_pivot(call.pivot_joint_new2, (goal, body, 0.0, 0.0, 0.0, 0.0))
+    gear = _new_gear(call.gear_joint_new, (goal, body, 0.0, 1.0))
+    robot[BODY], robot[SHAPE], robot[PIVOT], robot[GEAR], robot[GOAL] = body, shape, pivot, gear, goal
+    for column in (PIVOT, GEAR):
+        limit = physics.force if column == PIVOT else physics.torque
+        _call_pointer_double(call.constraint_set_max_bias, (robot[column], 0.0))  # velocities are to agree, not places
+        _call_pointer_double(call.constraint_set_error_bias, (robot[column], 0.0))
+        _call_pointer_double(call.constraint_set_max_force, (robot[column], limit))
+
+
+@jittable
+def take_down(bridge: Bridge) -> None:
+    """Free all that `build` has made."""
+    call, arena, robots = bridge.call, bridge.arena, bridge.robots
+    _call_pointer(call.space_free, (arena[SPACE],))
+    for i in range(len(robots)):
+        _call_pointer(call.constraint_free, (robots[i, PIVOT],))
+        _call_pointer(call.constraint_free, (robots[i, GEAR],))
+        _call_pointer(call.shape_free, (robots[i, SHAPE],))
+        _call_pointer(call.body_free, (robots[i, BODY],))
+        _call_pointer(call.body_free, (robots[i, GOAL],))
+    for k in range(OBSTACLES, len(arena)):
+        _call_pointer(call.shape_free, (arena[k],))
+    _call_pointer(call.body_free, (arena[STATIC],))
+
+
+@jittable
 def read_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
     """Copy the state of robot i to its row of poses (x, y, heading, ...) and velocities (x, y, turn)."""
     body = bridge.robots[i, BODY]
@@ -144,7 +218,7 @@ def write_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> No
     body = bridge.robots[i, BODY]
     _store(body + bridge.layout.position, poses[i, 0])
     _store(body + bridge.layout.position + 8, poses[i, 1])
-    _call_pointer_double(bridge.set_angle, (body, poses[i, 2]))  # also updates what Chipmunk derives
+    _call_pointer_double(bridge.call.body_set_angle, (body, poses[i, 2]))  # also updates what Chipmunk derives
     _store(body + bridge.layout.velocity, velocities[i, 0])
     _store(body + bridge.layout.velocity + 8, velocities[i, 1])
     _store(body + bridge.layout.turn, velocities[i, 2])
@@ -154,19 +228,19 @@ def write_state(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> No
 def enter(bridge: Bridge, i: int, poses: Floats, velocities: Floats) -> None:
     """Put robot i into the space, in the state of its row of poses and velocities."""
     write_state(bridge, i, poses, velocities)
-    _call_pointer_pointer(bridge.add_body, (bridge.space, bridge.robots[i, BODY]))
-    _call_pointer_pointer(bridge.add_shape, (bridge.space, bridge.robots[i, SHAPE]))
-    _call_pointer_pointer(bridge.add_constraint, (bridge.space, bridge.robots[i, PIVOT]))
-    _call_pointer_pointer(bridge.add_constraint, (bridge.space, bridge.robots[i, GEAR]))
+    _call_pointer_pointer(bridge.call.space_add_body, (bridge.arena[SPACE], bridge.robots[i, BODY]))
+    _call_pointer_pointer(bridge.call.space_add_shape, (bridge.arena[SPACE], bridge.robots[i, SHAPE]))
+    _call_pointer_pointer(bridge.call.space_add_constraint, (bridge.arena[SPACE], bridge.robots[i, PIVOT]))
+    _call_pointer_pointer(bridge.call.space_add_constraint, (bridge.arena[SPACE], bridge.robots[i, GEAR]))
 
 
 @jittable
 def leave(bridge: Bridge, i: int) -> None:
     """Take robot i out of the space."""
-    _call_pointer_pointer(bridge.remove_constraint, (bridge.space, bridge.robots[i, PIVOT]))
-    _call_pointer_pointer(bridge.remove_constraint, (bridge.space, bridge.robots[i, GEAR]))
-    _call_pointer_pointer(bridge.remove_shape, (bridge.space, bridge.robots[i, SHAPE]))
-    _call_pointer_pointer(bridge.remove_body, (bridge.space, bridge.robots[i, BODY]))
+    _call_pointer_pointer(bridge.call.space_remove_constraint, (bridge.arena[SPACE], bridge.robots[i, PIVOT]))
+    _call_pointer_pointer(bridge.call.space_remove_constraint, (bridge.arena[SPACE], bridge.robots[i, GEAR]))
+    _call_pointer_pointer(bridge.call.space_remove_shape, (bridge.arena[SPACE], bridge.robots[i, SHAPE]))
+    _call_pointer_pointer(bridge.call.space_remove_body, (bridge.arena[SPACE], bridge.robots[i, BODY]))
 
 
 @jittable
@@ -181,4 +255,4 @@ def aim_at(bridge: Bridge, i: int, targets: Floats) -> None:
 @jittable
 def step(bridge: Bridge, time_step: float) -> None:
     """Advance the space by a time [s]: positions first, then velocities, joints and contacts."""
-    _call_pointer_double(bridge.step, (bridge.space, time_step))
+    _call_pointer_double(bridge.call.space_step, (bridge.arena[SPACE], time_step))

@@ -30,8 +30,8 @@ def glide(scene: Scene, swarm: Swarm, i: int) -> None:
     """
     poses, velocities, targets = swarm.poses, swarm.velocities, swarm.targets
     dt = scene.time_step
-    max_change = scene.force / scene.mass * dt
-    max_turn_change = scene.torque / scene.inertia * dt
+    max_change = scene.physics.force / scene.physics.mass * dt
+    max_turn_change = scene.physics.torque / scene.physics.inertia * dt
     x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
     velocity_x, velocity_y, turn = velocities[i, 0], velocities[i, 1], velocities[i, 2]
     for _ in range(scene.sub_steps):

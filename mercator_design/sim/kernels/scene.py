@@ -74,6 +74,25 @@ class Lidar(NamedTuple):
     noise: Floats
 
 
+class Physics(NamedTuple):
+    """What a space of Chipmunk and the bodies of robots are built from."""
+
+    iterations: int  # of the solver
+    slop: float  # overlap that Chipmunk allows [m]
+    obstacles: Floats  # (obstacles, corners, 2) of walls and boxes [m], in the order of Chipmunk
+    obstacle_friction: float
+    radius: float  # of a robot that is a disc [m]; 0: robots are boxes ...
+    core_length: float  # ... of this size, with a rim of corner_radius around it [m]
+    core_width: float
+    corner_radius: float
+    mass: float  # [kg]
+    inertia: float  # [kg m2]
+    friction: float
+    elasticity: float
+    force: float  # maximum of the drive [N]
+    torque: float  # [N m]
+
+
 class Scene(NamedTuple):
     """Everything except the swarm: the arena, the robot model, and the present floor of this instance."""
 
@@ -81,6 +100,7 @@ class Scene(NamedTuple):
     wall_height: float  # [m]
     boxes: Floats  # (boxes, 7) centre x, y; cosine and sine of the angle; half length, half width, height [m]
     floor: FloorTable
+    physics: Physics
     round: bool  # whether robots are discs; else boxes
     half_length: float  # of a robot [m]; the radius of a disc
     half_width: float
@@ -88,10 +108,6 @@ class Scene(NamedTuple):
     body_height: float  # [m]
     tread_distance: float  # [m]
     maximum_speed: float  # of a tread [m/s]
-    mass: float  # [kg]
-    inertia: float  # [kg m2]
-    force: float  # maximum of the drive [N]
-    torque: float  # [N m]
     wheel_noise: Floats
     proximity: Proximity
     ground: Ground

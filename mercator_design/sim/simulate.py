@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from mercator_design.sim.checks.impossible import MissionWarning
 
 
+_DRAWN_WORLDS = 64
+_PROGRAMS = 1024
+"""Numbers of what is kept, because a race asks for it again and again."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """The result of an experiment."""
@@ -50,7 +55,9 @@ class Simulator:
     def __init__(self, mission: Mission, robot_model: RobotModel | None = None) -> None:
         self.mission = mission
         self.robot_model = robot_model or robot_model_of(mission)
+        self._senses = self.robot_model.senses
         self._world = World(mission, self.robot_model)
+        self._drawn_world = lru_cache(_DRAWN_WORLDS)(self._draw_world)
 
     @cached_property
     def warnings(self) -> "tuple[MissionWarning, ...]":
@@ -70,9 +77,10 @@ class Simulator:
 
     def instance(self, seed: int) -> Instance:
         """The instance of a seed, with its robot model."""
-        if not self.robot_model.vary:
-            return self._world.instance(seed)
-        return World(self.mission, self.robot_model.drawn(generator(seed, "robot model"))).instance(seed)
+        return (self._drawn_world(seed) if self.robot_model.vary else self._world).instance(seed)
+
+    def _draw_world(self, seed: int) -> World:
+        return World(self.mission, self.robot_model.drawn(generator(seed, "robot model")))
 
     def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
         """Run one experiment.
@@ -169,8 +177,9 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        for place, module in pfsm.modules:
-            self.check_module(module, place)
+        if not _senses_of(pfsm) <= self._senses:
+            for place, module in pfsm.modules:
+                self.check_module(module, place)
 
     def check_module(self, module: Module, place: str) -> None:
         """Check that the robot has the senses that a module reads.
@@ -178,7 +187,7 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        missing = sorted(module.reads - self.robot_model.senses)
+        missing = sorted(module.reads - self._senses)
         if missing:
             needed = " and ".join(missing)
             raise FsmError(
@@ -199,8 +208,14 @@ def robot_model_of(mission: Mission) -> RobotModel:
         raise MissionError(*(f"{place}: {message}" for message in error.messages)) from None
 
 
+@lru_cache(_PROGRAMS)
+def _senses_of(pfsm: Pfsm) -> frozenset[str]:
+    return pfsm.reads
+
+
+@lru_cache(_PROGRAMS)
 def program_arrays(pfsm: Pfsm) -> Program:
-    """The tables of a PFSM as arrays, for compiled code."""
+    """The tables of a PFSM as arrays, for compiled code, which does not change them."""
     kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
     arrays = [
         np.array(table, dtype=kinds.get(name, np.int64))

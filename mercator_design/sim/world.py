@@ -5,13 +5,15 @@ staging.py makes the part that is equal in all instances of a mission.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Floats, Keys
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
+from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, candidates
 from mercator_design.seeds import generator, stream_keys
@@ -24,6 +26,20 @@ from mercator_design.sim.staging import new_scene, wall_slabs
 _MAX_TRIALS_OF_ROBOT = 1000  # poses tried for one robot before all are placed again, as in the original
 _MAX_TRIALS = 300_000  # poses tried in all: half a second
 _BATCH = 20  # poses tried at a time
+
+
+_STARTS = 256
+"""Instances whose starts are kept: a race runs all its configurations on the same ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What is drawn for an instance; nothing changes it."""
+
+    floor: FloorTable
+    poses: Floats  # (robots, 3)
+    control_keys: Keys  # (robots,)
+    noise_keys: Keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +67,7 @@ class World:
         self._scene = new_scene(mission, robot_model, self._sub_steps)
         self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
+        self._start = lru_cache(_STARTS)(self._draw_start)
         self._check_room()
         self._check_steps()
         self._check_walls()
@@ -87,18 +104,25 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         """The instance of a seed."""
-        floor = self.mission.realise_floor(generator(seed, "floor"))  # a copy of its own, which may change
-        poses = self._places(generator(seed, "placement"), seed)
-        n = self.mission.robots
-        scene = self._scene._replace(floor=floor)
+        start = self._start(seed)
+        scene = self._scene._replace(floor=start.floor.copy())  # which may change
         swarm = new_swarm(
             scene,
             self.robot_model.reference_model,
-            poses,
+            start.poses,
+            control_keys=start.control_keys,
+            noise_keys=start.noise_keys,
+        )
+        return Instance(self.robot_model, scene, swarm, self._zone_rows)
+
+    def _draw_start(self, seed: int) -> Start:
+        n = self.mission.robots
+        return Start(
+            floor=self.mission.realise_floor(generator(seed, "floor")),
+            poses=self._places(generator(seed, "placement"), seed),
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
         )
-        return Instance(self.robot_model, scene, swarm, self._zone_rows)
 
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""

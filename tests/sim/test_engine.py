@@ -2,15 +2,18 @@
 
 import hashlib
 import os
+import resource
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mercator_design.fsm import Controller, Readings, parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.simulate import Simulator
 
 pytestmark = pytest.mark.together("referee")  # compiled once
@@ -47,6 +50,26 @@ def test_recording_changes_nothing(simulator):
     assert digest(simulator.run(pfsm, 5)) == digest(simulator.run(pfsm, 5, record=True))
 
 
+def test_what_is_kept_for_other_experiments_does_not_change():
+    """The colours change during an experiment; the next one of the same seed begins with the first ones."""
+    changing = Simulator(load_mission("changing_decision", ("duration=30",)))
+    pfsm = parse(FOUR_STATES)
+    once = digest(changing.run(pfsm, 5))
+    assert [digest(changing.run(pfsm, 5)), digest(changing.run(pfsm, 5, referee=True))] == [once, once]
+    assert digest(Simulator(changing.mission).run(pfsm, 5)) == once
+
+
+def test_spaces_are_freed():
+    """Those of 4000 experiments would be 100 MB."""
+    physics = Simulator(load_mission("aggregation_20")).instance(1).scene.physics
+    used = []
+    for spaces in (200, 4000):
+        for _ in range(spaces):
+            Space(physics, 20)
+        used.append(int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize())
+    assert used[1] - used[0] < 10 * 2**20
+
+
 def test_seeds_give_different_experiments(alone):
     assert len({*alone}) == 8
 
@@ -68,6 +91,7 @@ SCRIPT = f"""
 import hashlib
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.simulate import Simulator
 o = Simulator(load_mission("aggregation", {{overrides!r}})).run(parse("{FOUR_STATES}"), 3)
 print(o.score, hashlib.sha256(o.trace.poses.tobytes()).hexdigest())

@@ -8,6 +8,7 @@ import time
 
 import httpx
 import pytest
+from fastapi.sse import KEEPALIVE_COMMENT
 
 from mercator_design.config import shipped
 from mercator_design.serve.app import guarded
@@ -20,6 +21,7 @@ from tests.processes import wait_until
 from tests.serve.serving import serving
 from tests.serve.still import still
 
+SILENCE = KEEPALIVE_COMMENT.decode()
 SMALL = ("--set", "duration=2", "--set", "robots=2", "--budget", "60")
 
 
@@ -241,7 +243,9 @@ class TestLostConnections:
     def stream(self, request, after, upto, state="running"):
         start = int(request.headers.get("last-event-id") or 0)
         assert start == after
-        text = "".join(f'event: experiment\nid: {k}\ndata: {{"k": {k}}}\n\n' for k in range(start + 1, upto + 1))
+        text = "".join(
+            f'event: experiment\nid: {k}\ndata: {{"k": {k}}}\n\n{SILENCE}' for k in range(start + 1, upto + 1)
+        )
         text += f'event: state\nid: {upto}\ndata: {{"state": "{state}"}}\n\n'
         return httpx.Response(200, headers={"content-type": "text/event-stream"}, text=text)
 

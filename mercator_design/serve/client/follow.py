@@ -93,6 +93,8 @@ def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str,
         connection.check(answer)
         try:
             for event in EventSource(answer).iter_sse():
+                if not event.data:  # httpx_sse makes an event of a comment, which the service sends against silence
+                    continue
                 data = json.loads(event.data)
                 if not isinstance(data, dict):
                     raise ClientError(f"{connection.server}: expected an event, found {excerpt(event.data)}")

@@ -169,12 +169,17 @@ def _count_points(
         for group in range(robots):
             if scratch[1, group] != largest:
                 continue
+            members = 0
+            for i in range(robots):
+                if scratch[0, i] == group and counts[cycle, i]:
+                    scratch[2, members] = i
+                    members += 1
             found = 0
             for k in range(len(points)):
-                for i in range(robots):
-                    x = positions[cycle, i, 0] - points[k, 0]
-                    y = positions[cycle, i, 1] - points[k, 1]
-                    if scratch[0, i] == group and counts[cycle, i] and x * x + y * y <= sight * sight:
+                for member in range(members):
+                    x = positions[cycle, scratch[2, member], 0] - points[k, 0]
+                    y = positions[cycle, scratch[2, member], 1] - points[k, 1]
+                    if x * x + y * y <= sight * sight:
                         found += 1
                         break
             seen[cycle] = max(seen[cycle], found)

@@ -1,4 +1,15 @@
-"""Spaces that several tests use."""
+"""Spaces and configurations that several tests use."""
+
+from numpy.random import Generator
+
+from mercator_design.race import Configuration, Space
+from mercator_design.race.space.encoding import Encoding
+
+
+def uniform(space: Space, n: int, draws: Generator) -> list[Configuration]:
+    """Random configurations."""
+    encoding = Encoding(space)
+    return [encoding.configuration(row) for row in encoding.settled(encoding.uniform(n, draws))]
 
 
 def machines_text() -> str:

@@ -8,9 +8,8 @@ import pytest
 
 from mercator_design.race import parse_space
 from mercator_design.race.analysis.ablation import Flips, ablate
-from mercator_design.race.methods.moves import Moves
 from tests.race.mixed import MIXED
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines_text, uniform
 
 SPACE = parse_space("""
 x    "" r (0, 1)
@@ -106,9 +105,9 @@ def test_what_makes_no_difference():
 @pytest.mark.parametrize("space", [MIXED, parse_space(machines_text())])
 def test_every_path_is_of_valid_configurations_and_ends(space):
     """Between random configurations, whatever is conditional or dependent in between."""
-    moves = Moves(space, np.random.default_rng(1))
+    draws = np.random.default_rng(1)
     for _ in range(10):
-        here, target = moves.uniform(), moves.uniform()
+        here, target = uniform(space, 2, draws)
         flips = Flips(space, target)
 
         def any_costs(several, instances, flips=flips):

@@ -8,7 +8,7 @@ import pytest
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, RaceOptions, Space, parse_space, real
 from mercator_design.race.analysis.importance import Importance, explain
-from mercator_design.race.methods.moves import Moves
+from tests.race.spaces import uniform
 
 SPACE = parse_space("""
 a     "" r (0, 1)
@@ -30,8 +30,7 @@ def cost(configuration):
 def experiments(n, noise, seed=1, offsets=FIXED):
     """Random configurations, each on 5 of 100 instances, which differ a lot."""
     rng = np.random.default_rng(seed)
-    moves = Moves(SPACE, rng)
-    configurations = [moves.uniform() for _ in range(n)]
+    configurations = uniform(SPACE, n, rng)
     instances = offsets * rng.normal(size=100)
     costs = [
         {int(k): cost(one) + instances[k] + noise * rng.normal() for k in rng.permutation(100)[:5]}

@@ -1,12 +1,11 @@
 """Moves from configurations to others nearby."""
 
-import itertools
-
 import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, parse_space, real
 from mercator_design.race.methods.moves import Moves
+from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines_text
 
@@ -19,35 +18,53 @@ def space(request):
     return request.param
 
 
+class Moved:
+    """Moves of configurations, which are encoded before and decoded after."""
+
+    def __init__(self, space, seed):
+        self.draws = np.random.default_rng(seed)
+        self.encoding = Encoding(space)
+        self.moves = Moves(self.encoding, self.draws)
+
+    def uniform(self, n):
+        return self.decoded(self.encoding.uniform(n, self.draws))
+
+    def mutated(self, parents, donors):
+        return self.decoded(self.moves.mutated(self.encoding.rows(parents), self.encoding.rows(donors)))
+
+    def crossed(self, ones, others):
+        return self.decoded(self.moves.crossed(self.encoding.rows(ones), self.encoding.rows(others)))
+
+    def decoded(self, rows):
+        return [self.encoding.configuration(row) for row in self.encoding.settled(rows)]
+
+
 def test_all_moves_give_valid_configurations(space):
-    moves = Moves(space, np.random.default_rng(1))
-    pool = [moves.uniform() for _ in range(50)]
-    for one, other in itertools.pairwise(pool):
-        for child in (one, moves.mutated(one, pool), moves.mutated(one, []), moves.crossed(one, other)):
-            space.check(child)
+    moves = Moved(space, 1)
+    pool = moves.uniform(50)
+    for child in (*pool, *moves.mutated(pool, pool), *moves.mutated(pool, []), *moves.crossed(pool, pool[::-1])):
+        space.check(child)
 
 
 def test_a_mutation_changes_a_few_parameters():
-    moves = Moves(MACHINES, np.random.default_rng(2))
+    moves = Moved(MACHINES, 2)
     numbers = []
-    for _ in range(200):
-        parent = moves.uniform()
-        child = moves.mutated(parent, [])
+    parents = moves.uniform(200)
+    for parent, child in zip(parents, moves.mutated(parents, []), strict=True):
         numbers.append(sum(child.get(name) != value for name, value in parent.items() if name in child))
         assert child != parent or numbers[-1] == 0
     assert 1 <= np.mean(numbers) < 3
 
 
 def test_a_category_always_changes_to_another():
-    space = Space([categorical("a", "xyz")])
-    moves = Moves(space, np.random.default_rng(3))
-    found = {moves.mutated({"a": "x"}, [])["a"] for _ in range(60)}
+    moves = Moved(Space([categorical("a", "xyz")]), 3)
+    found = {child["a"] for child in moves.mutated([{"a": "x"}] * 60, [])}
     assert found == {"y", "z"}
 
 
 def test_numbers_move_near_or_anywhere():
-    moves = Moves(Space([real("x", 0, 1)]), np.random.default_rng(4))
-    found = np.array([moves.mutated({"x": 0.5}, [])["x"] for _ in range(1000)])
+    moves = Moved(Space([real("x", 0, 1)]), 4)
+    found = np.array([child["x"] for child in moves.mutated([{"x": 0.5}] * 1000, [])])
     near = np.abs(found - 0.5) < 0.1
     # Near by half of normal steps of 0.15 (probability 0.495) and of uniform ones (0.2): 0.35, +- 0.015 at one sigma.
     assert 0.25 < near.mean() < 0.45
@@ -57,13 +74,19 @@ def test_numbers_move_near_or_anywhere():
 
 def test_what_becomes_active_is_lent_by_donors():
     space = Space([categorical("a", "xy"), integer("n", 1, 10**6, condition='a == "y"')])
-    moves = Moves(space, np.random.default_rng(5))
-    lent = [moves.mutated({"a": "x"}, [{"a": "y", "n": 4711}])["n"] == 4711 for _ in range(100)]
-    assert 20 < sum(lent) < 80
+    found = Moved(space, 5).mutated([{"a": "x"}] * 100, [{"a": "y", "n": 4711}])
+    assert 20 < sum(child["n"] == 4711 for child in found) < 80
 
 
 def test_a_crossing_takes_each_value_from_either():
     space = Space([real(f"x{k}", 0, 1) for k in range(40)])
-    moves = Moves(space, np.random.default_rng(6))
-    child = moves.crossed({p.name: 0.25 for p in space.parameters}, {p.name: 0.75 for p in space.parameters})
+    ones, others = ([{p.name: place for p in space.parameters}] for place in (0.25, 0.75))
+    (child,) = Moved(space, 6).crossed(ones, others)
     assert set(child.values()) == {0.25, 0.75}
+
+
+def test_a_crossing_has_the_structure_of_one_parent_or_of_both():
+    """A parameter that is active in one parent alone has its value from there, if it is active in the child."""
+    space = Space([categorical("a", "xy"), integer("n", 1, 10**6, condition='a == "y"')])
+    found = Moved(space, 7).crossed([{"a": "x"}] * 50, [{"a": "y", "n": 4711}] * 50)
+    assert {child.get("n") for child in found} == {None, 4711}

@@ -7,11 +7,10 @@ import pytest
 
 from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, integer, real
 from mercator_design.race.methods.additive_model import effects
-from mercator_design.race.methods.model import SamplingModel
-from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.proposals import MAX_LEARNT_FROM, Proposer
 from mercator_design.race.racing.history import RaceHistory
 from tests.race.mixed import MIXED, mixed_cost, noise, run
+from tests.race.spaces import uniform
 
 
 def test_effects_of_configurations_do_not_depend_on_the_instances_they_have_seen():
@@ -32,21 +31,17 @@ def test_the_variance_of_a_cost_is_estimated():
 
 
 def proposed(n, configurations, costs, *, excluded=lambda _: False, space=MIXED):
-    model = SamplingModel(space)
-    model.initialise({0: configurations[0], 1: configurations[1]})
     return Proposer(space).propose(
         n,
         [0, 1],
         RaceHistory(space, configurations=configurations, costs=costs),
-        model=model,
         generator=np.random.default_rng(3),
         excluded=excluded,
     )
 
 
 def ran(n, seed=4):
-    moves = Moves(MIXED, np.random.default_rng(seed))
-    configurations = sorted((moves.uniform() for _ in range(n)), key=mixed_cost)
+    configurations = sorted(uniform(MIXED, n, np.random.default_rng(seed)), key=mixed_cost)
     return configurations, [{0: mixed_cost(c), 1: mixed_cost(c) + 1} for c in configurations]
 
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import race_quality, race_results
 from benchmarks.race_results import options_of, result_file
 from mercator_design.race import RaceOptions
-from mercator_design.race.methods.moves import Moves
+from tests.race.spaces import uniform
 
 PARAMETERS = [
     {"name": "n", "type": "int", "low": 1, "high": 3, "log": False, "condition": None},
@@ -38,8 +38,7 @@ def test_a_problem_s_parameters_become_a_space():
     import numpy as np
 
     space = race_quality.space_of(PARAMETERS)
-    moves = Moves(space, np.random.default_rng(1))
-    for configuration in (moves.uniform() for _ in range(100)):
+    for configuration in uniform(space, 100, np.random.default_rng(1)):
         assert ("c" in configuration) == (configuration["n"] >= 2)
         assert ("o" in configuration) == (configuration.get("c") == "a" and configuration["n"] == 3)
         assert ("r" in configuration) == (configuration.get("c") == "b")

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, parse_space, real
-from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.surrogate import Features, Surrogate
+from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED, mixed_cost
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines_text, uniform
+
+
+def features_of(space, configurations):
+    """The features of a space, and of configurations."""
+    encoding = Encoding(space)
+    features = Features(encoding)
+    return features, features.of(encoding.rows(configurations))
 
 
 def standardised(values):
@@ -20,10 +27,8 @@ def standardised(values):
 @pytest.fixture
 def fitted():
     """A surrogate of 150 random configurations, what it was fitted to, and others."""
-    moves = Moves(MIXED, np.random.default_rng(1))
-    configurations = [moves.uniform() for _ in range(250)]
-    features = Features(MIXED)
-    rows = features.of(features.places(configurations))
+    configurations = uniform(MIXED, 250, np.random.default_rng(1))
+    features, rows = features_of(MIXED, configurations)
     costs = standardised([math.sqrt(mixed_cost(c)) for c in configurations])
     surrogate = Surrogate(features)
     for _ in range(3):
@@ -35,15 +40,13 @@ def test_each_parameter_is_a_unit_vector_or_zero_where_a_number_is_inactive():
     space = Space(
         [categorical("a", "xy"), real("r", 0, 1, condition='a == "y"'), categorical("b", "uv", condition='a == "y"')]
     )
-    features = Features(space)
-    rows = features.of(features.places([{"a": "x"}, {"a": "y", "r": 0.3, "b": "u"}]))
+    features, rows = features_of(space, [{"a": "x"}, {"a": "y", "r": 0.3, "b": "u"}])
     lengths = np.array([(rows[:, features.owner == k] ** 2).sum(axis=1) for k in range(3)]).T
     assert lengths == pytest.approx(np.array([[1, 0, 1], [1, 1, 1]]))
 
 
 def test_near_numbers_have_near_vectors():
-    features = Features(Space([integer("n", 1, 1000, log=True)]))
-    rows = features.of(features.places([{"n": n} for n in (10, 12, 30, 1000)]))
+    _, rows = features_of(Space([integer("n", 1, 1000, log=True)]), [{"n": n} for n in (10, 12, 30, 1000)])
     likeness = rows @ rows[0]
     assert likeness[0] == pytest.approx(1)
     assert list(likeness) == sorted(likeness, reverse=True)
@@ -65,6 +68,12 @@ def test_it_is_surer_of_what_it_has_seen(fitted):
     assert spread[:150].mean() < 0.85 * spread[150:].mean()
 
 
+def test_what_it_expects_of_the_configurations_it_has_learnt_from_is_what_it_predicts(fitted):
+    surrogate, rows, costs = fitted
+    expected = surrogate.fit(rows[:150], costs[:150], np.full(150, 0.01))
+    assert expected == pytest.approx(surrogate.predict(rows[:150])[0], abs=1e-6)
+
+
 def test_samples_have_the_moments_that_are_predicted(fitted):
     surrogate, rows, _ = fitted
     mean, spread = surrogate.predict(rows[140:180])
@@ -76,16 +85,14 @@ def test_samples_have_the_moments_that_are_predicted(fitted):
 
 def test_weights_tell_which_parameters_matter():
     space = Space([real("matters", 0, 1), real("not", 0, 1), categorical("neither", "abc")])
-    moves = Moves(space, np.random.default_rng(3))
-    configurations = [moves.uniform() for _ in range(80)]
-    features = Features(space)
-    rows = features.of(features.places(configurations))
+    configurations = uniform(space, 80, np.random.default_rng(3))
+    features, rows = features_of(space, configurations)
     surrogate = Surrogate(features)
     for _ in range(5):
         surrogate.fit(rows, standardised([math.sin(6 * c["matters"]) for c in configurations]), np.full(80, 0.05))
     apart = surrogate.distances(
         *(
-            features.of(features.places(pair))
+            features_of(space, pair)[1]
             for pair in (
                 [{"matters": 0.2, "not": 0.5, "neither": "a"}],
                 [
@@ -103,12 +110,10 @@ def test_weights_tell_which_parameters_matter():
 def test_last_bits_of_costs_decide_nothing():
     """Nor does the order of configurations, though a parameter has one value only among them: its slope is 0."""
     space = Space([real("matters", 0, 1), integer("one", 0, 9), categorical("same", "abc")])
-    moves = Moves(space, np.random.default_rng(3))
-    configurations = [{**moves.uniform(), "one": 4, "same": "b"} for _ in range(60)]
-    features = Features(space)
-    rows = features.of(features.places(configurations))
+    configurations = [{**one, "one": 4, "same": "b"} for one in uniform(space, 60, np.random.default_rng(3))]
+    features, rows = features_of(space, configurations)
     costs = standardised([math.sin(6 * c["matters"]) for c in configurations])
-    others = features.of(features.places([moves.uniform() for _ in range(20)]))
+    _, others = features_of(space, uniform(space, 20, np.random.default_rng(4)))
 
     def predicted(rows, costs):
         surrogate = Surrogate(features)
@@ -125,9 +130,7 @@ def test_last_bits_of_costs_decide_nothing():
 def test_distances_are_of_vectors_so_that_covariances_are_valid():
     """Conditional parameters included: no eigenvalue is negative but by rounding."""
     space = parse_space(machines_text())
-    moves = Moves(space, np.random.default_rng(4))
-    features = Features(space)
-    rows = features.of(features.places([moves.uniform() for _ in range(60)]))
+    features, rows = features_of(space, uniform(space, 60, np.random.default_rng(4)))
     surrogate = Surrogate(features)
     surrogate.fit(rows, standardised(np.arange(60.0)), np.full(60, 0.1))
     distances = surrogate.distances(rows, rows)

@@ -6,7 +6,9 @@ module is. The target's upper bound depends on the number of states; AutoMoDe ne
 language has had dependent bounds since.
 """
 
-from collections.abc import Iterable, Mapping
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
@@ -28,9 +30,37 @@ DIGITS = 2
 """Decimals of real parameters, as AutoMoDe designs them."""
 
 
+class _TransitionNames(NamedTuple):
+    """Names of a transition's parameters; `suffix` ends those of its condition."""
+
+    target: str
+    condition: str
+    suffix: str
+
+
+class _StateNames(NamedTuple):
+    """Names of a state's parameters; `suffix` ends those of its behaviour."""
+
+    behaviour: str
+    connections: str
+    suffix: str
+    transitions: tuple[_TransitionNames, ...]
+
+
+_NAMES = tuple(
+    _StateNames(
+        f"S{i}",
+        f"NumConnections{i}",
+        f"{i}",
+        tuple(_TransitionNames(f"N{i}x{j}", f"C{i}x{j}", f"{i}x{j}") for j in range(MAX_TRANSITIONS)),
+    )
+    for i in range(MAX_STATES)
+)
+
+
 def parameters_text(flavour: str) -> str:
     """The grammar of a flavour as an irace parameter file. Watermelon has 149 parameters, Chocolate 133."""
-    behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
+    behaviours, conditions = _modules(flavour)
     lines = [f'NumStates "--nstates " i (1, {MAX_STATES})']
     for i in range(MAX_STATES):
         exists = f"NumStates > {i}"
@@ -54,41 +84,57 @@ def module_of(parameter: str, number: str, flavour: str) -> Module:
 
 def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
     """The PFSM of a configuration: a value for each active parameter of the grammar."""
-    behaviours, conditions = numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
+    return Pfsm(to_states(configuration, flavour), flavour)
+
+
+def to_states(configuration: Mapping[str, Value], flavour: str) -> tuple[State, ...]:
+    """The states of a configuration's PFSM, without the checks of `Pfsm`."""
+    behaviours, conditions = _modules(flavour)
 
     def values(module: Module, index: str) -> tuple[float, ...]:
-        return tuple(float(configuration[parameter.grammar + index]) for parameter in module.parameters)
+        return tuple([float(configuration[parameter.grammar + index]) for parameter in module.parameters])
 
     states = []
     for i in range(int(configuration["NumStates"])):
+        names = _NAMES[i]
         transitions = []
-        for j in range(int(configuration.get(f"NumConnections{i}", 0))):
-            condition = conditions[int(configuration[f"C{i}x{j}"])]
-            target = absolute_target(i, int(configuration[f"N{i}x{j}"]))
-            transitions.append(Transition(condition.name, values(condition, f"{i}x{j}"), target))
-        behaviour = behaviours[int(configuration[f"S{i}"])]
-        states.append(State(behaviour.name, values(behaviour, f"{i}"), tuple(transitions)))
-    return Pfsm(tuple(states), flavour)
+        for edge in names.transitions[: int(configuration.get(names.connections, 0))]:
+            condition = conditions[int(configuration[edge.condition])]
+            target = absolute_target(i, int(configuration[edge.target]))
+            transitions.append(Transition(condition.name, values(condition, edge.suffix), target))
+        behaviour = behaviours[int(configuration[names.behaviour])]
+        states.append(State(behaviour.name, values(behaviour, names.suffix), tuple(transitions)))
+    return tuple(states)
 
 
 def from_pfsm(pfsm: Pfsm) -> dict[str, Value]:
     """The configuration of a PFSM; the inverse of `to_pfsm`."""
-    configuration: dict[str, Value] = {"NumStates": len(pfsm.states)}
+    return from_states(pfsm.states, pfsm.flavour)
+
+
+def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
+    """The configuration of the PFSM of some states."""
+    configuration: dict[str, Value] = {"NumStates": len(states)}
 
     def add(module: Module, values: Iterable[float], index: str) -> None:
         for parameter, value in zip(module.parameters, values, strict=True):
             configuration[parameter.grammar + index] = int(value) if parameter.integer else float(value)
 
-    for i, state in enumerate(pfsm.states):
-        configuration[f"S{i}"] = str(state.module.numbers[pfsm.flavour])
-        add(state.module, state.parameters, f"{i}")
+    for i, (state, names) in enumerate(zip(states, _NAMES, strict=False)):
+        configuration[names.behaviour] = str(state.module.numbers[flavour])
+        add(state.module, state.parameters, names.suffix)
         if state.transitions:
-            configuration[f"NumConnections{i}"] = len(state.transitions)
-        for j, transition in enumerate(state.transitions):
-            configuration[f"N{i}x{j}"] = relative_target(i, transition.target)
-            configuration[f"C{i}x{j}"] = str(transition.module.numbers[pfsm.flavour])
-            add(transition.module, transition.parameters, f"{i}x{j}")
+            configuration[names.connections] = len(state.transitions)
+        for transition, edge in zip(state.transitions, names.transitions, strict=False):
+            configuration[edge.target] = relative_target(i, transition.target)
+            configuration[edge.condition] = str(transition.module.numbers[flavour])
+            add(transition.module, transition.parameters, edge.suffix)
     return configuration
+
+
+@functools.cache
+def _modules(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
+    return numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
 
 
 def _numbers(table: Iterable[int]) -> str:

@@ -4,6 +4,7 @@ The grammar numbers states and transitions, so that one PFSM has many configurat
 (drop a state, and lead what led to it to where it led) changes half of the numbers. Here a step is one of the PFSM.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeVar
@@ -12,7 +13,7 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import DIGITS, Value, from_pfsm, to_pfsm
+from mercator_design.fsm.space.grammar import DIGITS, Value, from_states, to_states
 
 T = TypeVar("T")
 
@@ -40,11 +41,11 @@ class PfsmStructure:
 
     def canonical(self, configuration: Mapping[str, Value]) -> dict[str, Value]:
         """The configuration that stands for all whose PFSMs are the same but for the numbering."""
-        return from_pfsm(canonical(to_pfsm(configuration, self._flavour)))
+        return from_states(_canonical(to_states(configuration, self._flavour)), self._flavour)
 
     def neighbour(self, configuration: Mapping[str, Value], draws: Draws) -> dict[str, Value]:
         """A configuration whose PFSM is one move or a few away, in canonical form."""
-        return from_pfsm(neighbour(to_pfsm(configuration, self._flavour), draws))
+        return from_states(_neighbour(to_states(configuration, self._flavour), self._flavour, draws), self._flavour)
 
 
 def canonical(pfsm: Pfsm) -> Pfsm:
@@ -58,11 +59,15 @@ def canonical(pfsm: Pfsm) -> Pfsm:
 
 def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
     """A PFSM that is one move away, or with decreasing probability more, in canonical form."""
-    changed = _States(pfsm, draws)
+    return replace(pfsm, states=_neighbour(pfsm.states, pfsm.flavour, draws))
+
+
+def _neighbour(states: Sequence[State], flavour: str, draws: Draws) -> tuple[State, ...]:
+    changed = _States(states, flavour, draws)
     changed.move()
     while draws.random() < _ANOTHER_MOVE:
         changed.move()
-    return replace(pfsm, states=_canonical(changed.states))
+    return _canonical(changed.states)
 
 
 def _canonical(states: Sequence[State]) -> tuple[State, ...]:
@@ -88,14 +93,19 @@ def _canonical(states: Sequence[State]) -> tuple[State, ...]:
     )
 
 
+@functools.cache
+def _modules(flavour: str) -> tuple[Sequence[Module], Sequence[Module]]:
+    """The behaviours and the conditions of a flavour."""
+    return tuple(numbered(BEHAVIOURS, flavour).values()), tuple(numbered(CONDITIONS, flavour).values())
+
+
 class _States:
     """States of a PFSM that are being changed. A move returns whether it was possible."""
 
-    def __init__(self, pfsm: Pfsm, draws: Draws) -> None:
-        self.states = list(pfsm.states)
+    def __init__(self, states: Sequence[State], flavour: str, draws: Draws) -> None:
+        self.states = list(states)
         self._draws = draws
-        self._behaviours = tuple(numbered(BEHAVIOURS, pfsm.flavour).values())
-        self._conditions = tuple(numbered(CONDITIONS, pfsm.flavour).values())
+        self._behaviours, self._conditions = _modules(flavour)
 
     def move(self) -> None:
         """Make one possible move."""

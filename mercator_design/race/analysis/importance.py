@@ -23,7 +23,8 @@ from threadpoolctl import threadpool_limits
 from mercator_design import seeds
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.additive_model import effects, table
-from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
+from mercator_design.race.methods.surrogate import Features, Surrogate
+from mercator_design.race.space.encoding import Encoding, Floats
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
@@ -105,8 +106,8 @@ def _explain(
     space: Space, configurations: Sequence[Configuration], means: Floats, noise: Floats, between: float, seed: int
 ) -> Explanation:
     generator = seeds.generator(seed, "importance")
-    features = Features(space)
-    places = features.places(configurations)
+    encoding = Encoding(space)
+    features, places = Features(encoding), encoding.rows(configurations)
     fold = generator.permutation(len(places)) % _FOLDS
     before = np.zeros(len(places))
     added = np.zeros(places.shape)  # how much shuffling a parameter adds to the squared error of each configuration

@@ -71,12 +71,13 @@ def expected(costs: Floats) -> Floats:
 
 def _fit(costs: Floats) -> tuple[Floats, Floats]:
     """Effects of configurations and of instances, by alternating means; those of instances have mean 0."""
-    known = ~np.isnan(costs)
-    filled = np.where(known, costs, 0.0)
+    is_known = ~np.isnan(costs)
+    known, filled = is_known.astype(float), np.where(is_known, costs, 0.0)
     a_row, a_column = known.sum(axis=1), np.maximum(known.sum(axis=0), 1)
-    means, offsets = filled.sum(axis=1) / a_row, np.zeros(costs.shape[1])
+    of_row, of_column = filled.sum(axis=1), filled.sum(axis=0)
+    means, offsets = of_row / a_row, np.zeros(costs.shape[1])
     for _ in range(_PASSES):
-        offsets = (filled.sum(axis=0) - means @ known) / a_column
+        offsets = (of_column - means @ known) / a_column
         offsets -= offsets.mean()
-        means = (filled.sum(axis=1) - known @ offsets) / a_row
+        means = (of_row - known @ offsets) / a_row
     return means, offsets

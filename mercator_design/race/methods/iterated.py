@@ -229,7 +229,6 @@ class IteratedRace(Optimizer):
             n,
             elites,
             self.history,
-            model=self._model,
             generator=self._generator("proposals"),
             excluded=lambda c: (
                 self.history.number(c) is not None or self.space.key(c) in present or self.history.is_excluded(c)

@@ -3,14 +3,16 @@
 The sampling model draws all parameters of a child again, so with many parameters most children lose what made their
 parent good. A move changes only a few parameters. Values of parameters that become active are copied from another good
 configuration or drawn uniformly; those of parameters that become inactive are dropped.
+
+Configurations are rows of numbers (encoding.py), so that many are made at once. Children have values for all
+parameters: `Encoding.settled` drops those of inactive ones.
 """
 
-from collections.abc import Sequence
-
+import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
-from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
-from mercator_design.race.space.space import Space
+from mercator_design.race.space.encoding import Encoding, Floats
 
 _MORE_CHANGES = 0.5
 """One parameter changes, and a Poisson number of others with this mean."""
@@ -19,90 +21,43 @@ _STEP = 0.15
 
 
 class Moves:
-    """The moves of a space, with the draws of one generator.
+    """The moves of a space, with the draws of one generator."""
 
-    Args:
-        space: The space of the configurations.
-        generator: Makes all random draws.
-        structure: Part of the mutations that use the space's structure, if it has one.
-    """
-
-    def __init__(self, space: Space, generator: Generator, *, structure: float = 0.0) -> None:
-        self._space = space
-        self._structure = space.structure if structure else None
-        self._in_structure = structure
+    def __init__(self, encoding: Encoding, generator: Generator) -> None:
+        self._encoding = encoding
         self._generator = generator
-        self._deciding = {name for parameter in space.parameters for name in parameter.depends_on}
 
-    def uniform(self) -> Configuration:
-        """A configuration with every active parameter uniform over its domain."""
-        return self._space.build(self._anywhere)
+    def mutated(self, parents: Floats, donors: Floats) -> Floats:
+        """A child of each parent, with one or a few parameters changed; donors lend values to what becomes active."""
+        draws, n = self._generator, len(parents)
+        values = self._encoding.uniform(n, draws)
+        if len(donors):
+            lent = donors[draws.integers(len(donors), size=n)]
+            values = np.where(np.isnan(lent) | (draws.random(lent.shape) < 0.5), values, lent)
+        is_active = ~np.isnan(parents)
+        order = np.where(is_active, draws.random(parents.shape), np.inf)
+        n_changed = np.minimum(1 + draws.poisson(_MORE_CHANGES, n), is_active.sum(axis=1))
+        limit = np.sort(order, axis=1)[np.arange(n), n_changed - 1]
+        row, column = np.nonzero(is_active & (order <= limit[:, np.newaxis]))
+        values = np.where(is_active, parents, values)
+        values[row, column] = self._changed(parents[row, column], column)
+        return values
 
-    def mutated(self, parent: Configuration, donors: Sequence[Configuration]) -> Configuration:
-        """A configuration with one or a few parameters changed; donors lend values to what becomes active."""
-        if self._structure is None:
-            return self._mutated(parent, donors)
-        if self._generator.random() < self._in_structure:
-            return self._structure.neighbour(parent, self._generator)
-        return self._structure.canonical(self._mutated(parent, donors))
+    def crossed(self, ones: Floats, others: Floats) -> Floats:
+        """A child of each pair, in which each parameter has its value of one of its parents."""
+        first = self._generator.random(ones.shape) < 0.5
+        values = np.where(first, ones, others)
+        values = np.where(np.isnan(values), np.where(first, others, ones), values)
+        return np.where(np.isnan(values), self._encoding.uniform(len(ones), self._generator), values)
 
-    def _mutated(self, parent: Configuration, donors: Sequence[Configuration]) -> Configuration:
-        draws = self._generator
-        names = [p.name for p in self._space.variable if p.name in parent]
-        n = min(1 + int(draws.poisson(_MORE_CHANGES)), len(names))
-        changed = {names[k] for k in draws.choice(len(names), size=n, replace=False).tolist()}
-        if not changed & self._deciding:
-            child = dict(parent)
-            for name in names:
-                parameter = self._space[name]
-                if name in changed and (bounds := parameter.bounds(parent)) is not None:
-                    child[name] = self._changed(parameter, parent[name], bounds)
-            return child
-
-        def choose(parameter: Parameter, bounds: Bounds) -> Value:
-            value = parent.get(parameter.name)
-            if value is not None and parameter.name in changed:
-                return self._changed(parameter, value, bounds)
-            if value is None and donors and draws.random() < 0.5:
-                value = donors[int(draws.integers(len(donors)))].get(parameter.name)
-            if value is None or not _fits(parameter, value, bounds):
-                return self._anywhere(parameter, bounds)
-            return value
-
-        return self._space.build(choose)
-
-    def crossed(self, one: Configuration, other: Configuration) -> Configuration:
-        """A configuration in which each parameter has its value of one of two parents."""
-
-        def choose(parameter: Parameter, bounds: Bounds) -> Value:
-            values = [one.get(parameter.name), other.get(parameter.name)]
-            if self._generator.random() < 0.5:
-                values.reverse()
-            for value in values:
-                if value is not None and _fits(parameter, value, bounds):
-                    return value
-            return self._anywhere(parameter, bounds)
-
-        return self._space.build(choose)
-
-    def _anywhere(self, parameter: Parameter, bounds: Bounds) -> Value:
-        if parameter.kind == "categorical":
-            return parameter.values[int(self._generator.integers(len(parameter.values)))]
-        return parameter.quantile(self._generator.random(), bounds)
-
-    def _changed(self, parameter: Parameter, value: Value, bounds: Bounds) -> Value:
+    def _changed(self, places: Floats, columns: NDArray[np.intp]) -> Floats:
         """Another category; a number near the present one or anywhere, equally often."""
-        draws = self._generator
-        if parameter.kind == "categorical":
-            others = [other for other in parameter.values if other != value]
-            return others[int(draws.integers(len(others)))]
-        if _fits(parameter, value, bounds) and draws.random() < 0.5:
-            place = parameter.position(value, bounds) + _STEP * draws.normal()
-            if 0 <= place <= 1:
-                return parameter.quantile(place, bounds)
-        return self._anywhere(parameter, bounds)
-
-
-def _fits(parameter: Parameter, value: Value, bounds: Bounds) -> bool:
-    """Whether a value may stay within the bounds that other parameters give."""
-    return not parameter.is_numeric or bounds[0] <= float(value) <= bounds[1]
+        draws, n = self._generator, len(places)
+        found, near = draws.random(n), places + _STEP * draws.normal(size=n)
+        is_near = (draws.random(n) < 0.5) & (near >= 0) & (near <= 1)
+        is_category = self._encoding.is_category[columns]
+        n_values = self._encoding.n_values[columns[is_category]]
+        category = (places[is_category] + 1 + np.floor(found[is_category] * (n_values - 1))) % n_values
+        found[is_near] = near[is_near]
+        found[is_category] = category
+        return found

@@ -1,47 +1,64 @@
 """New configurations that a surrogate proposes.
 
-irace learns only from which configurations survive. Here all costs so far train a surrogate. Candidates come from the
-sampling model, from moves of the best configurations, and from uniform draws; further moves improve them. Each proposal
-is the best candidate for one function that is sampled from the surrogate (Thompson sampling), so proposals differ where
-the surrogate is uncertain.
+irace learns only from which configurations survive. Here all costs so far train a surrogate. Candidates come from
+moves of the best configurations and from uniform draws; further moves improve them. Each proposal is the best candidate
+for one function that is sampled from the surrogate (Thompson sampling), so proposals differ where the surrogate is
+uncertain.
+
+Candidates are rows of numbers (encoding.py). Only the chosen ones are built, and brought to canonical form if the
+space has a structure.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import cycle, islice
 
 import numpy as np
 from numpy.random import Generator
 from threadpoolctl import ThreadpoolController
 
 from mercator_design.race.methods.additive_model import effects, table
-from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.moves import Moves
-from mercator_design.race.methods.surrogate import Features, Floats, Surrogate
+from mercator_design.race.methods.surrogate import Features, Surrogate
 from mercator_design.race.racing.history import RaceHistory
+from mercator_design.race.space.encoding import Encoding, Floats
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 MAX_LEARNT_FROM = 200
 """Maximum number of configurations to learn from: half are those with most results, half the newest."""
-_CANDIDATES = {"model": 50, "mutated": 87, "crossed": 33, "uniform": 30}
+_MUTATED, _CROSSED, _UNIFORM = 100, 40, 60
+"""Candidates before further moves."""
 _ROUNDS = 2
-"""Rounds of moves from the most promising candidates."""
+"""Rounds of further moves, from the most promising candidates."""
 _PROMISING = 20
 _CHILDREN = 4
 """Mutations of each promising candidate; one more child is made by crossing."""
-_MAX_SAMPLED = 300
+_MIN_NEIGHBOURS, _NEIGHBOURS_EACH = 8, 3
+"""At most so many neighbours by the structure of the space in each round, or so many for each proposal: they are made
+one by one, in fifty times the time."""
+_MAX_SAMPLED = 150
 """Maximum number of candidates at which functions are sampled: the time grows with its cube."""
 _MIN_PARENTS = 5
+_DIGITS = 9
+"""Rows are equal if they are so many decimals long."""
 
 
 class Proposer:
-    """Proposes configurations of a space; `structure` as for `Moves`."""
+    """Proposes configurations of a space.
+
+    Args:
+        space: The space of the configurations.
+        structure: Part of the mutations that use the space's structure, if it has one.
+    """
 
     def __init__(self, space: Space, *, structure: float = 0.0) -> None:
         self._space = space
-        self._structure = structure
-        self._features = Features(space)
+        self._structure = space.structure if structure else None
+        self._in_structure = structure if self._structure is not None else 0.0
+        self._encoding = Encoding(space)
+        self._features = Features(self._encoding)
         self._surrogate = Surrogate(self._features)
-        self._places: dict[int, Floats] = {}  # of configurations that have run
+        self._known: dict[int, Floats] = {}  # rows of configurations that have run
         # The matrices are small: threads would mostly wait, and the last bits would depend on the number of cores.
         self._threads = ThreadpoolController()
 
@@ -51,7 +68,6 @@ class Proposer:
         ranked: Sequence[int],
         history: RaceHistory,
         *,
-        model: SamplingModel,
         generator: Generator,
         excluded: Callable[[Configuration], bool],
     ) -> list[tuple[Configuration, int]]:
@@ -61,28 +77,20 @@ class Proposer:
             n: Maximum number.
             ranked: The elites, best first.
             history: The history of the race.
-            model: The elites' distributions.
             generator: Makes all random draws.
             excluded: Returns True for a configuration that must not be proposed.
         """
+        if n == 0:
+            return []
         with self._threads.limit(limits=1, user_api="blas"):
             expected = self._learn(history)
-            best = sorted(expected, key=lambda number: expected[number])[: max(_MIN_PARENTS, len(ranked))]
-            parents = [history.configurations[number] for number in (*ranked, *best)]
-            candidates, places = self._candidates(parents, ranked, model, generator, excluded)
-            if not candidates:
-                return []
-            features = self._features.of(places)
-            mean, spread = self._surrogate.predict(features)
-            promising = np.argsort(mean - 2 * spread, kind="stable")[:_MAX_SAMPLED]
-            n = min(n, len(promising))
-            chosen: list[int] = []
-            for values in self._surrogate.sample(features[promising], n, generator):
-                values[chosen] = np.inf
-                chosen.append(int(values.argmin()))
-            elites = self._features.of(self._places_of(ranked, history.configurations))
-            nearest = self._surrogate.distances(features[promising[chosen]], elites).argmin(axis=1)
-            return [(candidates[promising[k]], ranked[e]) for k, e in zip(chosen, nearest.tolist(), strict=True)]
+            best = sorted(expected, key=expected.__getitem__)[: max(_MIN_PARENTS, len(ranked))]
+            candidates = self._candidates(n, ranked, best, history, generator)
+            features = self._features.of(candidates)
+            chosen = self._chosen(candidates, self._surrogate.sample(features, n, generator), excluded)
+            elites = self._features.of(self._rows_of(ranked, history))
+            nearest = self._surrogate.distances(features[list(chosen)], elites).argmin(axis=1)
+            return [(child, ranked[e]) for child, e in zip(chosen.values(), nearest.tolist(), strict=True)]
 
     def _learn(self, history: RaceHistory) -> dict[int, float]:
         """Fit the surrogate; return the expected cost of each configuration that it was fitted to."""
@@ -95,65 +103,118 @@ class Proposer:
         values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
         values[~rejected], errors[~rejected] = y, noise
         scale = values.std() or 1.0
-        features = self._features.of(self._places_of(learnt_from, history.configurations))
-        self._surrogate.fit(features, (values - values.mean()) / scale, errors / scale**2)
-        expected, _ = self._surrogate.predict(features)
+        features = self._features.of(self._rows_of(learnt_from, history))
+        expected = self._surrogate.fit(features, (values - values.mean()) / scale, errors / scale**2)
         return dict(zip(np.array(learnt_from)[~rejected].tolist(), expected[~rejected].tolist(), strict=True))
 
     def _candidates(
         self,
-        parents: Sequence[Configuration],
+        n: int,
         ranked: Sequence[int],
-        model: SamplingModel,
+        best: Sequence[int],
+        history: RaceHistory,
         generator: Generator,
-        excluded: Callable[[Configuration], bool],
-    ) -> tuple[list[Configuration], Floats]:
-        """Candidates without duplicates, and their places."""
-        moves = Moves(self._space, generator, structure=self._structure)
-        taken: set[tuple[Value | None, ...]] = set()
+    ) -> Floats:
+        """The most promising ones, which have not run."""
+        moves = Moves(self._encoding, generator)
+        numbers = [*ranked, *best]
+        parents = self._rows_of(numbers, history)
+        pool = _Pool(self._surrogate, self._features, np.array(list(self._known.values())))
+        max_neighbours = max(_MIN_NEIGHBOURS, _NEIGHBOURS_EACH * n)
 
-        def different(drawn: Sequence[Configuration]) -> list[Configuration]:
-            fresh = []
-            for configuration in drawn:
-                key = self._space.key(configuration)
-                if key not in taken and not excluded(configuration):
-                    fresh.append(configuration)
-                taken.add(key)
-            return fresh
+        def any_of(n: int) -> list[int]:
+            found: list[int] = generator.integers(len(numbers), size=n).tolist()
+            return found
 
-        def any_of(pool: Sequence[Configuration]) -> Configuration:
-            return pool[int(generator.integers(len(pool)))]
+        def add(neighbours_of: Iterable[Configuration], *others: Floats) -> None:
+            structure = self._structure
+            neighbours = [] if structure is None else [structure.neighbour(one, generator) for one in neighbours_of]
+            pool.add(np.vstack((self._encoding.rows(neighbours), self._encoding.settled(np.vstack(others)))))
 
-        candidates = different(
-            [
-                *(child for child, _ in model.draw(_CANDIDATES["model"], ranked, generator)),
-                *(moves.mutated(any_of(parents), parents) for _ in range(_CANDIDATES["mutated"])),
-                *(moves.crossed(any_of(parents), any_of(parents)) for _ in range(_CANDIDATES["crossed"])),
-                *(moves.uniform() for _ in range(_CANDIDATES["uniform"])),
-            ]
+        n_neighbours = min(round(self._in_structure * _MUTATED), max_neighbours)
+        add(
+            [history.configurations[numbers[k]] for k in any_of(n_neighbours)],
+            moves.mutated(parents[any_of(_MUTATED - n_neighbours)], parents),
+            moves.crossed(parents[any_of(_CROSSED)], parents[any_of(_CROSSED)]),
+            self._encoding.uniform(_UNIFORM, generator),
         )
-        places = self._features.places(candidates)
         for _ in range(_ROUNDS):
-            if not candidates:
+            promising = pool.best(_PROMISING, optimism=1.0)
+            if not len(promising):
                 break
-            mean, spread = self._surrogate.predict(self._features.of(places))
-            order = np.argsort(mean - spread, kind="stable")[:_PROMISING]
-            promising = [candidates[k] for k in order]
-            children = different(
-                [
-                    *(moves.mutated(one, parents) for one in promising for _ in range(_CHILDREN)),
-                    *(moves.crossed(one, any_of(promising)) for one in promising),
-                ]
+            n_neighbours = min(round(self._in_structure * _CHILDREN * len(promising)), max_neighbours)
+            built = [self._encoding.configuration(row) for row in promising[:n_neighbours]]
+            add(
+                islice(cycle(built), n_neighbours),
+                moves.mutated(
+                    np.resize(promising, (_CHILDREN * len(promising) - n_neighbours, promising.shape[1])), parents
+                ),
+                moves.crossed(promising, promising[generator.integers(len(promising), size=len(promising))]),
             )
-            candidates += children
-            places = np.vstack((places, self._features.places(children)))
-        return candidates, places
+        return pool.best(_MAX_SAMPLED, optimism=2.0)
 
-    def _places_of(self, numbers: Sequence[int], configurations: Sequence[Configuration]) -> Floats:
+    def _chosen(
+        self, candidates: Floats, sampled: Floats, excluded: Callable[[Configuration], bool]
+    ) -> dict[int, Configuration]:
+        """The best candidate for each sampled function that is not excluded, with its place."""
+        found: dict[int, Configuration] = {}
+        keys: set[tuple[Value | None, ...]] = set()
+        is_left = np.ones(len(candidates), dtype=bool)
+        for values in sampled:
+            for k in np.argsort(values, kind="stable").tolist():
+                if not is_left[k]:
+                    continue
+                is_left[k] = False
+                child = self._encoding.configuration(candidates[k])
+                if self._structure is not None:
+                    child = self._structure.canonical(child)
+                key = self._space.key(child)
+                if key not in keys and not excluded(child):
+                    found[k] = child
+                    keys.add(key)
+                    break
+        return found
+
+    def _rows_of(self, numbers: Sequence[int], history: RaceHistory) -> Floats:
         for number in numbers:
-            if number not in self._places:
-                self._places[number] = self._features.places([configurations[number]])[0]
-        return np.array([self._places[number] for number in numbers])
+            if number not in self._known:
+                self._known[number] = self._encoding.rows([history.configurations[number]])[0]
+        return np.array([self._known[number] for number in numbers])
+
+
+class _Pool:
+    """Different rows, with what the surrogate expects of them.
+
+    Args:
+        surrogate: Predicts their costs.
+        features: Of their space.
+        known: Rows that do not get into it.
+    """
+
+    def __init__(self, surrogate: Surrogate, features: Features, known: Floats) -> None:
+        self._surrogate = surrogate
+        self._features = features
+        self._keys = dict.fromkeys(_keys(known))
+        self._rows = known[:0]
+        self._mean, self._spread = np.empty(0), np.empty(0)
+
+    def add(self, rows: Floats) -> None:
+        """Add those rows that are different from all others."""
+        new = {key: k for k, key in enumerate(_keys(rows)) if key not in self._keys}
+        self._keys.update(dict.fromkeys(new))
+        rows = rows[list(new.values())]
+        mean, spread = self._surrogate.predict(self._features.of(rows))
+        self._rows = np.vstack((self._rows, rows))
+        self._mean, self._spread = np.append(self._mean, mean), np.append(self._spread, spread)
+
+    def best(self, n: int, *, optimism: float) -> Floats:
+        """At most n rows, those with the lowest means less so many standard deviations."""
+        return self._rows[np.argsort(self._mean - optimism * self._spread, kind="stable")[:n]]
+
+
+def _keys(rows: Floats) -> list[bytes]:
+    """Equal for rows that differ by rounding alone."""
+    return [row.tobytes() for row in np.round(np.nan_to_num(rows, nan=-1.0), _DIGITS)]
 
 
 def _most_informative(costs: Sequence[Mapping[int, float]]) -> list[int]:

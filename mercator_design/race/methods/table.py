@@ -5,12 +5,11 @@ from functools import partial
 from typing import Any, Literal, Protocol
 
 from mercator_design.race.methods.iterated import IteratedRace
-from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.search import Proposal, Sampler, Search, SearchOptions
 from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.space.parameter import Value
+from mercator_design.race.space.parameter import Bounds, Parameter, Value
 from mercator_design.race.space.space import Space
 from mercator_design.seeds import generator
 
@@ -25,8 +24,14 @@ class Method(Protocol):
 
 def _uniform(space: Space, *, seed: int, generation: int) -> Sampler:  # noqa: ARG001 - the signature of MakeSampler
     """Makes a sampler that draws every active parameter uniformly from its domain."""
-    moves = Moves(space, generator(seed, "search, random"))
-    return lambda given=None: Proposal(moves.uniform() if given is None else given)
+    draws = generator(seed, "search, random")
+
+    def anywhere(parameter: Parameter, bounds: Bounds) -> Value:
+        if parameter.kind == "categorical":
+            return parameter.values[int(draws.integers(len(parameter.values)))]
+        return parameter.quantile(draws.random(), bounds)
+
+    return lambda given=None: Proposal(space.build(anywhere) if given is None else given)
 
 
 def _learning(space: Space, *, budget: int, options: SearchOptions, **given: Any) -> Search:  # noqa: ANN401

@@ -16,8 +16,8 @@ class RaceOptions:
     Args:
         surrogate: Part of the newcomers that a surrogate proposes; less until it has learnt from enough
             configurations. irace's sampling model draws the others.
-        structure: Part of the moves of the surrogate's candidates that are made in the space's structure, if it has
-            one. Unless this is 0, all mutations, and draws of the sampling model, are in canonical form.
+        structure: Largest part of the moves of the surrogate's candidates that are made in the space's structure, if it
+            has one. Unless this is 0, proposals, and draws of the sampling model, are in canonical form.
         repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).

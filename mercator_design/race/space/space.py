@@ -16,7 +16,7 @@ from mercator_design.race.space.parameter import Bounds, Configuration, Paramete
 from mercator_design.race.space.r_operators import number_text
 
 _MAX_CACHED = 1000
-"""Largest number of values of a parameter for which the active children of each value are cached."""
+"""Largest number of values of a parameter for which the active children of each value are cached, and of bounds."""
 
 
 class Structure(Protocol):
@@ -84,18 +84,17 @@ class Space:
         for places in waiting:
             places.sort()
             for place in places:
-                parameter, bounds = self._steps[place]
-                if parameter.name in self._conditional and not self._is_active(parameter, chosen):
+                parameter, name, bounds, is_conditional, is_parent = self._steps[place]
+                if is_conditional and not self._is_active(parameter, chosen):
                     continue
-                bounds = bounds or parameter.bounds(chosen)
+                bounds = bounds or self._dependent_bounds(parameter, chosen)
                 if bounds is None:
                     continue
-                value = parameter.values[0] if parameter.is_fixed else choose(parameter, bounds)
-                chosen[parameter.name] = value
-                if parameter.name in self._children:
-                    for level, child in self._active_children(parameter.name, value):
+                chosen[name] = value = parameter.values[0] if len(parameter.values) == 1 else choose(parameter, bounds)
+                if is_parent:
+                    for level, child in self._active_children(name, value):
                         waiting[level].append(child)
-        return dict(sorted(chosen.items(), key=lambda item: self._order[item[0]]))
+        return {name: chosen[name] for name in sorted(chosen, key=self._order.__getitem__)}
 
     def _prepare(self) -> None:
         """Sort the parameters by level, and find those that need not be checked in each configuration.
@@ -103,11 +102,10 @@ class Space:
         Most parameters are active for some values of one other parameter. They are checked only for these values.
         """
         in_order = sorted(self.parameters, key=lambda p: self.levels[p.name])
-        self._steps = [(p, None if p.is_dependent else p.bounds({})) for p in in_order]
         self._always: list[list[int]] = [[] for _ in range(max(self.levels.values(), default=0))]
-        self._conditional: set[str] = set()
         self._children: dict[str, list[int]] = {}
         self._active: dict[tuple[str, Value], list[tuple[int, int]]] = {}
+        conditional: set[str] = set()
         for place, parameter in enumerate(in_order):
             names = () if parameter.condition is None else parameter.condition.names
             if len(names) == 1 and _has_few_values(self._by_name[names[0]]) and not self._is_active(parameter, {}):
@@ -115,7 +113,22 @@ class Space:
                 continue
             self._always[self.levels[parameter.name] - 1].append(place)
             if parameter.condition is not None:
-                self._conditional.add(parameter.name)
+                conditional.add(parameter.name)
+        self._steps = [
+            (p, p.name, None if p.is_dependent else p.bounds({}), p.name in conditional, p.name in self._children)
+            for p in in_order
+        ]
+        self._others = {p.name: p.bound_names for p in in_order}
+        self._bounds: dict[tuple[Value | None, ...], Bounds | None] = {}
+
+    def _dependent_bounds(self, parameter: Parameter, chosen: Configuration) -> Bounds | None:
+        """Bounds that depend on other parameters; kept by the values of these."""
+        key = (parameter.name, *map(chosen.get, self._others[parameter.name]))
+        if key not in self._bounds:
+            if len(self._bounds) == _MAX_CACHED:
+                self._bounds.clear()
+            self._bounds[key] = parameter.bounds(chosen)
+        return self._bounds[key]
 
     def _active_children(self, name: str, value: Value) -> list[tuple[int, int]]:
         """The level and place of each parameter that a value makes active."""

@@ -23,8 +23,6 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 """`auto` is `rich` if stderr is a terminal, else `plain`."""
 PLAIN_EVERY = 30.0
 """Maximum seconds between two plain lines."""
-_REFRESH = 0.1
-"""Seconds between two updates."""
 _WIDE = 100
 """Minimum width of a terminal for a bar and the spread of scores [characters]."""
 
@@ -48,6 +46,8 @@ class _State(NamedTuple):
 class _Line:
     """Shows states; this one shows nothing."""
 
+    every = math.inf
+    """Seconds between two updates: to know the progress of a race takes a millisecond."""
     is_wide = False
     """Whether there is space for all figures."""
 
@@ -65,6 +65,7 @@ class _Line:
 class _PlainLines(_Line):
     """Prints the latest state at least every `PLAIN_EVERY` seconds, also while nothing happens."""
 
+    every = 1.0
     is_wide = True
 
     def __init__(self, clock: Clock) -> None:
@@ -112,6 +113,8 @@ class _PlainLines(_Line):
 
 class _MovingLine(_Line):
     """A line of a terminal, with a bar if there is space."""
+
+    every = 0.1
 
     def __init__(self, console: Console) -> None:
         self.is_wide = console.width >= _WIDE
@@ -184,7 +187,7 @@ class Display:
     def _is_silent(self) -> bool:
         """Whether there was an update just before."""
         now = self._clock()
-        if now - self._shown < _REFRESH:
+        if now - self._shown < self.line.every:
             return True
         self._shown = now
         return False
@@ -262,7 +265,7 @@ class RaceDisplay(Display):
             case IterationEnded():
                 self._elites.append(event.elites)
                 name = "final race" if event.postselection else f"iteration {event.iteration}"
-                text = f"{self._raced.name}: {name} ended, {event.alive} alive{self._best_text()}"
+                text = f"{self._raced.name}: {name} ended, {event.alive} alive{self._best_text(self._progress())}"
                 self.line.conclude(self._state(text, self._n_run))
             case BudgetExtended():
                 self._budget = event.budget
@@ -278,11 +281,11 @@ class RaceDisplay(Display):
         stage = "final race" if is_final else f"iteration {now.iteration}"
         if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
             stage += f"/{now.iterations}"
-        text = f"{self._raced.name}: {stage}, {now.alive} alive{self._best_text()}"
+        text = f"{self._raced.name}: {stage}, {now.alive} alive{self._best_text(now)}"
         self.show(self._n_run, text, self._budget)
 
-    def _best_text(self) -> str:
-        best = self._progress().best
+    def _best_text(self, now: RaceProgress) -> str:
+        best = now.best
         if best is None:
             return ""
         sd = f"sd {best.sd:.3g}, " if best.n_results > 1 else ""

@@ -8,7 +8,7 @@ from scipy.stats import truncnorm
 from mercator_design.errors import RaceError
 from mercator_design.race import RaceOptions, Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.model import SamplingModel
-from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal
+from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal, truncated_normal_value
 from tests.race.spaces import machines_text
 
 
@@ -172,6 +172,15 @@ def test_normal_values_with_a_mean_anywhere(mean, deviation):
 
 def test_a_mean_too_far_outside_is_the_nearer_bound():
     assert truncated_normal(np.array([0.1, 0.9]), np.array([-7.0, 9.0]), 1e-3).tolist() == [0.0, 1.0]
+
+
+def test_single_values_have_the_same_bits():
+    generator = np.random.default_rng(1)
+    uniforms, deviations = generator.random(3000), 10.0 ** generator.uniform(-6, 1, size=3000)
+    means = np.where(generator.random(3000) < 0.1, np.nan, generator.normal(0.5, 1.5, size=3000))
+    together = truncated_normal(uniforms, means, deviations)
+    singly = [truncated_normal_value(*map(float, given)) for given in zip(uniforms, means, deviations, strict=True)]
+    assert singly == together.tolist()
 
 
 @pytest.mark.parametrize(("means_scale", "expected"), [(True, {4: 2, 20: 10}), (False, {4: 4, 20: 10})])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.random import Generator
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.sampling import Floats, truncated_normal
+from mercator_design.race.methods.sampling import Floats, truncated_normal, truncated_normal_value
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
@@ -191,7 +191,7 @@ class SamplingModel:
                 centre = float(model.centres[column])
                 if not self._options.means_scale:
                     centre = parameter.position(centre, bounds)
-                place = float(truncated_normal(uniforms[column], centre, spread))
+                place = truncated_normal_value(float(uniforms[column]), centre, spread)
             return parameter.quantile(place, bounds)
 
         return choose

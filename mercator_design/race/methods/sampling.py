@@ -67,6 +67,17 @@ def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations
     return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
 
 
+def truncated_normal_value(uniform: float, mean: float, deviation: float) -> float:
+    """`truncated_normal` of single values, in a tenth of the time."""
+    if math.isnan(mean):
+        return uniform
+    if mean < 0:  # mirrored, because only lower tails are exact
+        return 1 - truncated_normal_value(1 - uniform, 1 - mean, deviation)
+    below, above = scipy.special.ndtr(-mean / deviation), scipy.special.ndtr((1 - mean) / deviation)
+    value = mean + deviation * scipy.special.ndtri(below + uniform * (above - below)) if above > below else mean
+    return float(min(max(value, 0.0), 1.0))
+
+
 def similar(space: Space, configurations: Mapping[int, Configuration], threshold: float) -> list[int]:
     """Which configurations are nearly equal to another one (irace's similarConfigurations).
 

@@ -5,7 +5,7 @@ interval (`Parameter.position`); NaN means that the parameter is inactive.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numpy.random import Generator
@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 _MAX_LISTED = 10_000
 """What follows from the values of other parameters is kept if there are at most so many combinations of these."""
-_MAX_KEPT = 10_000
-"""Number of places of values that are kept."""
+_MAX_KEPT = 1000
+"""Of so many values of each parameter the numbers are kept."""
 
 
 class Encoding:
@@ -37,7 +37,7 @@ class Encoding:
         self.n_values = np.array([math.nan if p.is_dependent else _n_values(p, p.bounds({})) for p in space.variable])
         self._columns = {p.name: column for column, p in enumerate(space.variable)}
         self._others = {p.name: p.bound_names for p in space.variable}
-        self._kept: dict[tuple[Value | None, ...], float] = {}
+        self._kept: dict[str, dict[Hashable, float]] = {p.name: {} for p in space.variable}  # numbers of values
         is_whole = np.isfinite(self.n_values) & ~self.is_category
         is_log = np.array([p.log for p in space.variable], dtype=bool)
         self._whole, self._log = np.flatnonzero(is_whole & ~is_log), np.flatnonzero(is_whole & is_log)
@@ -50,8 +50,16 @@ class Encoding:
         found = np.full((len(configurations), self.space.n_variable), math.nan)
         for row, configuration in enumerate(configurations):
             for name, value in configuration.items():
-                if (column := self._columns.get(name)) is not None:
-                    found[row, column] = self._place(name, value, configuration)
+                if (column := self._columns.get(name)) is None:
+                    continue
+                others = self._others[name]
+                key = (value, *map(configuration.get, others)) if others else value
+                kept = self._kept[name]
+                if key not in kept:
+                    if len(kept) == _MAX_KEPT:
+                        kept.clear()
+                    kept[key] = self._number(self.space[name], value, configuration)
+                found[row, column] = kept[key]
         return found
 
     def configuration(self, row: Floats) -> Configuration:
@@ -97,19 +105,12 @@ class Encoding:
             return 0.0
         return _n_values(parameter, parameter.bounds(chosen))
 
-    def _place(self, name: str, value: Value, configuration: Configuration) -> float:
-        """The number of a value."""
-        key = (name, value, *map(configuration.get, self._others[name]))
-        if key not in self._kept:
-            if len(self._kept) == _MAX_KEPT:
-                self._kept.clear()
-            parameter = self.space[name]
-            bounds = parameter.bounds(configuration)
-            if parameter.kind == "categorical":
-                self._kept[key] = float(parameter.values.index(str(value)))
-            else:
-                self._kept[key] = math.nan if bounds is None else parameter.position(value, bounds)
-        return self._kept[key]
+    @staticmethod
+    def _number(parameter: Parameter, value: Value, configuration: Configuration) -> float:
+        if parameter.kind == "categorical":
+            return float(parameter.values.index(str(value)))
+        bounds = parameter.bounds(configuration)
+        return math.nan if bounds is None else parameter.position(value, bounds)
 
     def _put(self, name: str, row: Floats, chosen: Configuration) -> None:
         """Add the value of a parameter in a row to those chosen, if it is active."""

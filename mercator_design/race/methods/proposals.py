@@ -59,6 +59,7 @@ class Proposer:
         self._features = Features(self._encoding)
         self._surrogate = Surrogate(self._features)
         self._known: dict[int, Floats] = {}  # rows of configurations that have run
+        self._keys: set[bytes] = set()  # of these rows
         # The matrices are small: threads would mostly wait, and the last bits would depend on the number of cores.
         self._threads = ThreadpoolController()
 
@@ -119,7 +120,7 @@ class Proposer:
         moves = Moves(self._encoding, generator)
         numbers = [*ranked, *best]
         parents = self._rows_of(numbers, history)
-        pool = _Pool(self._surrogate, self._features, np.array(list(self._known.values())))
+        pool = _Pool(self._surrogate, self._features, self._keys)
         max_neighbours = max(_MIN_NEIGHBOURS, _NEIGHBOURS_EACH * n)
 
         def any_of(n: int) -> list[int]:
@@ -176,9 +177,10 @@ class Proposer:
         return found
 
     def _rows_of(self, numbers: Sequence[int], history: RaceHistory) -> Floats:
-        for number in numbers:
-            if number not in self._known:
-                self._known[number] = self._encoding.rows([history.configurations[number]])[0]
+        new = [number for number in numbers if number not in self._known]
+        rows = self._encoding.rows([history.configurations[number] for number in new])
+        self._known.update(zip(new, rows, strict=True))
+        self._keys.update(_keys(rows))
         return np.array([self._known[number] for number in numbers])
 
 
@@ -188,20 +190,20 @@ class _Pool:
     Args:
         surrogate: Predicts their costs.
         features: Of their space.
-        known: Rows that do not get into it.
+        known: Keys of rows that do not get into it.
     """
 
-    def __init__(self, surrogate: Surrogate, features: Features, known: Floats) -> None:
+    def __init__(self, surrogate: Surrogate, features: Features, known: Iterable[bytes]) -> None:
         self._surrogate = surrogate
         self._features = features
-        self._keys = dict.fromkeys(_keys(known))
-        self._rows = known[:0]
+        self._keys = set(known)
+        self._rows = np.empty((0, features.n_parameters))
         self._mean, self._spread = np.empty(0), np.empty(0)
 
     def add(self, rows: Floats) -> None:
         """Add those rows that are different from all others."""
         new = {key: k for k, key in enumerate(_keys(rows)) if key not in self._keys}
-        self._keys.update(dict.fromkeys(new))
+        self._keys.update(new)
         rows = rows[list(new.values())]
         mean, spread = self._surrogate.predict(self._features.of(rows))
         self._rows = np.vstack((self._rows, rows))

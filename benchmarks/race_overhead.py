@@ -4,6 +4,8 @@ Each figure is of a process of its own; times of the race are CPU times, which d
 
     overhead     of one experiment, with an evaluator that costs nearly nothing: sampling, asking, testing, telling, and
                  the journal on disk; of the executors alone
+    parts        of one experiment with the default method, with a journal: what each part of the race takes, for a
+                 tenth of the budget, three tenths, and all
     methods      of one experiment with each method, without a journal, for a tenth of the budget
     memory       at the end of a race of --large experiments
     resume       the journal of that race read, checked and told anew
@@ -19,14 +21,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+from unittest.mock import patch
 
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
+from mercator_design.race.methods import iterated
+from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.table import METHODS, RACES
+from mercator_design.race.racing.race import EliminationRace
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
@@ -73,13 +81,59 @@ def overhead(budget: int) -> None:
     """Prints the cost of a race, irace's and the default one, without and with a journal."""
     for method in RACES:
         spent: list[float] = []
-        run(Record(), ThreadExecutor(1), 300, method)  # imports what is imported when it is needed
         with tempfile.TemporaryDirectory() as folder, ThreadExecutor(1) as executor:
+            run(Record(), executor, 300, method)  # imports what is imported when it is needed
             for record in (Record(), Journal(Path(folder) / "journal.jsonl", new=True)):
                 start = time.process_time()
                 n = run(record, executor, budget, method)
                 spent.append(1e6 * (time.process_time() - start) / n)
         print(f"{method}, budget {budget}: {spent[0]:.1f} us an experiment, with a journal {spent[1]:.1f} us")
+
+
+PARTS: dict[str, list[tuple[Any, str]]] = {
+    "surrogate": [(Proposer, "propose")],
+    "sampling": [(iterated, "sobol_sample"), (SamplingModel, "sample"), (SamplingModel, "update")],
+    "elimination": [(EliminationRace, "ask"), (EliminationRace, "tell")],
+    "journal": [(Journal, "note")],
+}
+"""The functions of each part; none calls another one."""
+REPEATS = 3
+
+
+def parts(budget: int) -> None:
+    """Prints what each part of a race by the default method takes: of some races the one that took least."""
+    _by_part(300)  # imports what is imported when it is needed
+    for one in (budget // 10, 3 * budget // 10, budget):
+        total, spent = min((_by_part(one) for _ in range(REPEATS)), key=lambda found: found[0])
+        spent["all else"] = total - sum(spent.values())
+        shares = ", ".join(f"{name} {time:.0f} us ({time / total:.0%})" for name, time in spent.items())
+        print(f"surrogate, budget {one}, with a journal: {total:.0f} us an experiment: {shares}")
+
+
+def _by_part(budget: int) -> tuple[float, dict[str, float]]:
+    """The CPU time of an experiment in a race [us], and of each part."""
+    spent = dict.fromkeys(PARTS, 0.0)
+
+    def timed(part: str, function: Callable[..., R]) -> Callable[..., R]:
+        def call(*given: Any, **named: Any) -> R:
+            start = time.thread_time()
+            try:
+                return function(*given, **named)
+            finally:
+                spent[part] += time.thread_time() - start
+
+        return call
+
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        for part, functions in PARTS.items():
+            for owner, name in functions:
+                stack.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
+        executor = stack.enter_context(ThreadExecutor(1))
+        journal = stack.enter_context(Journal(Path(folder) / "journal.jsonl", new=True))
+        start = time.process_time()
+        n = run(journal, executor, budget, "surrogate")
+        total = time.process_time() - start
+    return 1e6 * total / n, {part: 1e6 * time / n for part, time in spent.items()}
 
 
 def methods(budget: int) -> None:
@@ -179,12 +233,15 @@ def main() -> None:
     given = parser.parse_args()
     if given.only:
         name, *arguments = given.only
-        what: dict[str, Callable[..., None]] = {f.__name__: f for f in (overhead, methods, executors, memory, resuming)}
+        what: dict[str, Callable[..., None]] = {
+            f.__name__: f for f in (overhead, parts, methods, executors, memory, resuming)
+        }
         what[name](int(arguments[0]), *arguments[1:])
         return
     with tempfile.TemporaryDirectory() as folder:
         for arguments in (
             ["overhead", str(given.budget)],
+            ["parts", str(given.budget)],
             ["methods", str(given.budget // 10)],
             ["executors", str(given.budget)],
             ["memory", str(given.large), folder],

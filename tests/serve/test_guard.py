@@ -267,6 +267,16 @@ class TestFailures:
         assert found.count(401) == attempts.MOST
         assert found.count(429) == 50 - attempts.MOST
 
+    def test_first_requests_at_the_same_time_are_no_failures(self, guard, accounts):
+        app, tokens = guard(), [accounts.users.add(name) for name in ("ann", "bob", "cem")]
+
+        async def all_at_once():
+            shown = [{"authorization": f"Bearer {token}"} for token in tokens * attempts.MOST]
+            return await asyncio.gather(*(request(app, "GET", "/", one) for one in shown))
+
+        assert {answer.status for answer in asyncio.run(all_at_once())} == {200}
+        assert not accounts.attempts.wait("192.0.2.1")
+
     def test_scrypt_runs_once_for_a_token(self, guard, ana, monkeypatch):
         app = guard()
         ask(app, "GET", "/", ana)

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 import pytest
 
 from mercator_design.serve.accounts import users as module
-from mercator_design.serve.accounts.users import MAX_TOKENS, User, UserError, Users
+from mercator_design.serve.accounts.users import MAX_TOKENS, User, UserError, Users, id_of
 from mercator_design.serve.settings import ServiceError
 
 DAY = 86_400
@@ -20,10 +20,6 @@ DAY = 86_400
 @pytest.fixture
 def users(tmp_path, clock):
     return Users(tmp_path, clock.now)
-
-
-def id_of(token):
-    return token.split("_")[1]
 
 
 def test_a_token_is_that_of_its_user(users):
@@ -232,6 +228,22 @@ class TestVerbs:
         assert head == ["user", "admin", "token", "expires"]
         assert ana[:2] == ["ana", id_of(second)]
         assert bob == ["bob", "yes", "revoked"]
+
+    def test_changes_are_in_the_audit_log(self, mdesign, tmp_path):
+        _, first, _ = mdesign("users", "add", "ana", "--admin", "--data", tmp_path)
+        _, second, _ = mdesign("users", "token", "ana", "--data", tmp_path)
+        mdesign("users", "add", "ana", "--data", tmp_path)  # is refused, and changes nothing
+        mdesign("users", "list", "--data", tmp_path)
+        mdesign("users", "revoke", "ana", "--data", tmp_path)
+        log = tmp_path / ".service" / "audit.log"
+        found = [json.loads(line) for line in log.read_text().splitlines()]
+        assert [one["what"] for one in found] == [
+            f"mdesign users add ana --admin: {id_of(first)}",
+            f"mdesign users token ana: {id_of(second)}",
+            f"mdesign users revoke ana: {id_of(first)}, {id_of(second)}",
+        ]
+        assert {(one["user"], one["address"], one["answer"]) for one in found} == {("", f"account {os.getuid()}", 0)}
+        assert stat.S_IMODE(log.stat().st_mode) == 0o600
 
     def test_mistakes(self, mdesign, tmp_path):
         assert mdesign("users", "list", "--data", tmp_path)[2].startswith(f"{tmp_path}: there are no users")

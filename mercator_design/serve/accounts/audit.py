@@ -25,7 +25,7 @@ class Audit:
     Args:
         file: The log; older ones are beside it, as audit.log.1.
         now: The time.
-        size: Bytes after which a new file is begun.
+        size: Bytes after which a new file is begun; 0: never.
     """
 
     def __init__(self, file: Path, now: Callable[[], datetime], size: int = _SIZE) -> None:
@@ -37,10 +37,10 @@ class Audit:
 
         Args:
             user: The name of the user; empty if it is not known.
-            address: Of the client.
-            what: Method and path of the request.
+            address: Of the client, or the account on the machine.
+            what: Method and path of the request, or the command.
             job: The job that it is about; empty if there is none.
-            answer: The status of the answer.
+            answer: The status of the answer, or the exit code.
         """
         texts = {"user": user, "address": address, "what": what, "job": job}
         line = {"time": self._now().isoformat(timespec="milliseconds")}

@@ -296,6 +296,11 @@ class Users:
         return self._reading
 
 
+def id_of(token: str) -> str:
+    """The id of a token, which is no secret."""
+    return token.split("_")[1]
+
+
 def _hash(secret: str, salt: str) -> str:
     return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=_COST, r=8, p=1, dklen=32).hex()
 

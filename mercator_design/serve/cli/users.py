@@ -1,5 +1,6 @@
 """mdesign users: who may use the design service."""
 
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import click
 from mercator_design.cli.options import FOLDER
 from mercator_design.command import print_message, print_result
 from mercator_design.report.columns import aligned
-from mercator_design.serve.accounts.users import DAYS, Account, Users
-from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.accounts import audit
+from mercator_design.serve.accounts.users import DAYS, Account, Users, id_of
+from mercator_design.serve.settings import SERVICE, ServiceError
 from mercator_design.system.files import writing
 
 _DATA = click.option(
@@ -42,6 +44,7 @@ def add_user(name: str, *, admin: bool, days: int, data: Path) -> None:
     found = Users(data)
     with writing(found.file, ServiceError):
         token = found.add(name, is_admin=admin, days=days)
+        _note(data, f"add {name}{' --admin' if admin else ''}", id_of(token))
     _show(name, token, days)
 
 
@@ -54,6 +57,7 @@ def add_token(name: str, days: int, data: Path) -> None:
     found = Users(data)
     with writing(found.file, ServiceError):
         token = found.add_token(name, days=days)
+        _note(data, f"token {name}", id_of(token))
     _show(name, token, days)
 
 
@@ -80,7 +84,16 @@ def revoke_tokens(what: str, data: Path) -> None:
     found = Users(data)
     with writing(found.file, ServiceError):
         name, tokens = found.revoke(what)
+        _note(data, f"revoke {name}", *tokens)
     print_message(f"{name}: revoked: {', '.join(tokens) or 'nothing: there was no token'}")
+
+
+def _note(data: Path, what: str, *tokens: str) -> None:
+    """Write a change, with the ids of its tokens, to the audit log of the service, which begins new files alone."""
+    log = audit.Audit(data / SERVICE / audit.FILE, lambda: datetime.now(UTC), size=0)
+    account = f"account {os.getuid()}"
+    log.write(user="", address=account, what=f"mdesign users {what}: {', '.join(tokens)}", job="", answer=0)
+    log.close()
 
 
 def _show(name: str, token: str, days: int) -> None:

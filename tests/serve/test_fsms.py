@@ -265,6 +265,13 @@ class TestEvaluate:
         assert evaluate(client, fsms=[{"fsm": FSM}] * 7, runs=1).status_code == 422
         assert evaluate(client, fsms=[{"fsm": FSM, "job": "x"}], runs=1).status_code == 422
 
+    def test_a_mistake_says_in_which_fsm_it_is(self, client):
+        fsms = [{"fsm": FSM}, {"fsm": "--nstates 1 --s0 2", "name": "my\x1b own"}, {"fsm": "--nstates 1 --s0 9"}]
+        (first,) = evaluate(client, fsms=fsms[:2], runs=1).json()["errors"]
+        assert first.startswith("my\\x1b own:1: state 0: --att0")
+        (second,) = evaluate(client, fsms=[fsms[0], fsms[2]], runs=1).json()["errors"]
+        assert second.startswith("FSM 2:1: --s0, ")
+
     def test_an_fsm_whose_senses_the_robot_lacks(self, client):
         fsm = {"fsm": "--nstates 1 --s0 2", "flavour": "chocolate"}
         answer = evaluate(client, fsms=[fsm], runs=1)

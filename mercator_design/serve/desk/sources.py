@@ -7,7 +7,7 @@ from typing import Self
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
 from mercator_design.config.writing import digest_of, dump
-from mercator_design.errors import MissionError, RaceError, excerpt
+from mercator_design.errors import MissionError, RaceError, excerpt, printable
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
@@ -19,7 +19,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import robot_model_of
 
 FSM = "FSM"
-"""The name of a user's text in messages."""
+"""The name of a user's text in messages, unless the user gives one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ class FsmSource:
             RaceError: The run folder has none.
         """
         if self.folder is None:
-            return fsm_of(self.text, FSM, self.flavour)
+            return fsm_of(self.text, printable(self.name) or FSM, self.flavour)
         return leader_of(self.folder).fsm
 
 

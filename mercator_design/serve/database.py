@@ -1,9 +1,15 @@
 """SQLite files of the service. What is in them can be made again, so one that is damaged is."""
 
+import contextlib
 import os
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
+
+_LOG = 250
+"""Pages of the log (1 MB) after which it begins again."""
+_RESERVE = 2_000_000
+"""Bytes that are taken in the file and in its log."""
 
 
 def database(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlite3.Connection:
@@ -31,7 +37,22 @@ def _opened(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlite
         connection.execute("PRAGMA journal_mode=WAL").close()
         connection.execute("PRAGMA synchronous=NORMAL")
         prepare(connection)
+        with contextlib.suppress(sqlite3.OperationalError):  # the disk is full already
+            _reserve(connection)
     except BaseException:
         connection.close()
         raise
     return connection
+
+
+def _reserve(connection: sqlite3.Connection) -> None:
+    """Take space on the disk, so that small changes are written also when it is full.
+
+    The file keeps free pages. The log stays as long as it has been, and begins again from its start before that.
+    """
+    connection.execute(f"PRAGMA wal_autocheckpoint={_LOG}")
+    connection.executescript(
+        "DROP TABLE IF EXISTS reserve;"
+        f"CREATE TABLE reserve AS SELECT zeroblob({_RESERVE});"
+        "DROP TABLE reserve; PRAGMA wal_checkpoint(RESTART)"
+    )

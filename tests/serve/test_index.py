@@ -98,3 +98,16 @@ def test_what_cannot_be_used_is_made_again(file, how):
     with closing(Index(file)) as index:
         assert index.all() == []
         index.put(row("b"))
+
+
+def test_changes_need_no_space_on_a_full_disk(file):
+    def taken():
+        return sum(one.stat().st_blocks for one in file.parent.iterdir())
+
+    with closing(Index(file)) as index:
+        index.put(*(row(f"{k}") for k in range(20)))
+        before = taken()
+        for k in range(5000):
+            index.change(f"{k % 20}", message=f"waits, {k}")
+        index.put(*(row(f"new {k}") for k in range(100)))
+        assert taken() == before

@@ -307,6 +307,8 @@ def test_the_end_of_a_race_is_noted_when_there_is_space(house, monkeypatch):
         house.race(second, lines=30)
         house.tick()
         assert house.row(second).experiments > 0
+        told = house.row(first)
+        assert (told.state, told.message) == ("paused", "waits until there is space on the disk")
     house.tick()
     assert house.state(first) == "succeeded"
     house.index.close()

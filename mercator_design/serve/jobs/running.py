@@ -15,6 +15,8 @@ from mercator_design.serve.jobs.races import RaceStatus
 
 _log = logging.getLogger(__name__)
 
+NO_SPACE = "waits until there is space on the disk"
+"""What a job waits for that found the disk full."""
 _FEWEST = 10
 """Experiments by whose pace the remaining time is estimated: before them, a race compiles."""
 _MAX_DEATHS = 3
@@ -86,9 +88,9 @@ class Running:
             shortage: What all jobs wait for.
         """
         if self.stopped_for == "disk":
-            return shortage or "waits until there is space on the disk"
+            return shortage or NO_SPACE
         if not self.stopped_for and code > 0 and any(one in last_error(self.output) for one in _FULL):
-            return "waits until there is space on the disk"
+            return NO_SPACE
         return ""
 
     def failure(self, code: int, deaths: int, hours: float) -> str:

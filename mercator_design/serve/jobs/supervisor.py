@@ -21,7 +21,7 @@ from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus, length_of
 from mercator_design.serve.jobs.rows import is_of, row_of_folder, row_of_job
-from mercator_design.serve.jobs.running import Running
+from mercator_design.serve.jobs.running import NO_SPACE, Running
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
 from mercator_design.serve.settings import ServiceError, Settings
@@ -260,8 +260,9 @@ class Supervisor:
         except ServiceError as error:  # its file is damaged: its row will say so
             _log.error("%s", error)
         except OSError:
-            if not self._is_stopping:
-                raise  # the disk is full: this is tried again, and the job waits until then
+            if not self._is_stopping:  # the disk is full: this is tried again, and the job waits until then
+                self._index.change(identity, state="paused", message=self.shortage or NO_SPACE)
+                raise
         del self._runs[identity]
         self._deaths.pop(identity, None)
         if held:

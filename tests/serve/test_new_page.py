@@ -205,11 +205,30 @@ class TestBrowser:
         assert service.store.text(rows[0].id) == SHORT.replace("robots: 2", "robots: 5") + "robot_model: mercator"
         assert page.evaluate("localStorage.length") == 0
 
+    def test_what_was_typed_just_before_a_reload_survives_it(self, opened, address):
+        page = opened(SHORT)
+        page.evaluate("document.querySelector('.cm-content').focus()")
+        page.press("Control+End", *"# more", "Escape")
+        page.open(f"{address}/new")
+        page.wait_for(HAS_LINE.format("# more"))
+        page.wait_for(summary("No mistakes"))
+
+    def test_a_picture_that_is_being_drawn_is_told(self, opened):
+        page = opened(SHORT)
+        write(page)
+        page.press(*"robtos: 3", "Enter")
+        page.wait_for(summary("1 mistake"))
+        page.evaluate(HELD % "/missions/preview")
+        page.press(*["Backspace"] * len("robtos: 3\n"))
+        page.wait_for("held.bodies.length === 1")
+        assert page.evaluate("document.getElementById('caption').textContent") == "Drawing the mission …"
+        page.evaluate("held.release()")
+        page.wait_for("document.getElementById('caption').textContent.startsWith('From above')")
+
     def test_back_to_the_text_at_the_start_and_a_shipped_mission_by_its_name(self, opened, address, service):
         page = opened(SHORT)
         page.click("#back")
         page.wait_for(HAS_LINE.format("name: foraging"))
-        assert page.evaluate("document.getElementById('back').disabled") is False  # until it is noted
         page.wait_for("document.getElementById('back').disabled")
         page.wait_for(summary("No mistakes"))
         page.evaluate("document.getElementById('mission').value = 'cleaning'")

@@ -15,8 +15,10 @@
   function draft() {
     try { return JSON.parse(localStorage.getItem(place)) || {}; } catch { return {}; }
   }
+  let isKept = true;
   function keep() {
     const text = mission();
+    isKept = true;
     const isChanged = text !== initial || fields.some((field) => field.value !== startSettings[field.name]);
     try {
       if (isChanged) localStorage.setItem(place, JSON.stringify({ text, settings: settings() }));
@@ -126,7 +128,7 @@
           ...CodeMirror.lintKeymap, ...CodeMirror.searchKeymap,
         ]),
         EditorView.contentAttributes.of({ tabindex: "0", "aria-labelledby": "text-label", "aria-describedby": "keys" }),
-        EditorView.updateListener.of((update) => { if (update.docChanged) { state = null; changed(); } }),
+        EditorView.updateListener.of((update) => { if (update.docChanged) { state = null; isKept = false; changed(); } }),
       ],
     }),
   });
@@ -243,6 +245,7 @@
       at("caption").textContent = "From above, with one start of the robots.";
     });
   function draw() {
+    if (at("picture").hidden || at("picture").classList.contains("old")) at("caption").textContent = "Drawing the mission …";
     drawing.ask(given());
   }
 
@@ -311,6 +314,7 @@
       at("submit").removeAttribute("aria-disabled");
     }
   });
+  addEventListener("pagehide", () => { if (!isKept && !isSending) keep(); }); // what was typed just now
   addEventListener("pageshow", (event) => {
     if (!event.persisted) return; // the browser has brought the page back: what is submitted now is another job
     keyed = "";

@@ -3,9 +3,12 @@
 import os
 import sys
 
+import pytest
+
 from mercator_design.serve.jobs.processes import Launcher, last_messages
 from mercator_design.serve.jobs.store import OUTPUT
 from tests.processes import wait_until
+from tests.race.test_dask_executor import local_cluster
 
 
 def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path, monkeypatch):
@@ -20,3 +23,17 @@ def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path,
     identity, _, _, _, group, session, *_ = last_messages(house.store.folder(job.id) / OUTPUT).split()
     assert group == identity != str(os.getpgrp())
     assert session == str(os.getsid(0))
+
+
+@pytest.mark.timing
+def test_a_cluster_runs_the_experiments(furnished, raced):
+    """The race is that of one machine."""
+    with local_cluster(1) as cluster:
+        house = furnished(scheduler=cluster.scheduler_address)
+        job = house.store.read(house.submit(set=("duration=2", "robots=2")))
+        process = Launcher(house.store, house.settings, 1)(job)
+        wait_until(lambda: process.poll() is not None, limit=300.0)
+    output, run = house.store.folder(job.id) / OUTPUT, house.store.run_folder(job.id)
+    assert process.poll() == 0, last_messages(output)
+    assert (run / "results.csv").read_bytes() == (raced / "results.csv").read_bytes()
+    assert '"executor": "dask"' in (run / "provenance.json").read_text()

@@ -12,6 +12,10 @@ _RESERVE = 2_000_000
 """Bytes that are taken in the file and in its log."""
 
 
+_UNREADABLE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR}
+"""What damaged files lead to, the last if tables or columns are others. Full disks and locks lead to other errors."""
+
+
 def database(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlite3.Connection:
     """A connection for several threads to a file that only its owner may read.
 
@@ -20,11 +24,13 @@ def database(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlit
         prepare: Makes the tables that are not there, and reads from each.
 
     Raises:
-        OSError, sqlite3.Error: The file cannot be made.
+        OSError, sqlite3.Error: The file cannot be made, or not be opened for another reason than damage.
     """
     try:
         return _opened(file, prepare)
-    except sqlite3.DatabaseError:
+    except sqlite3.DatabaseError as error:
+        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF not in _UNREADABLE:
+            raise
         for one in file.parent.glob(f"{file.name}*"):
             one.unlink()
         return _opened(file, prepare)

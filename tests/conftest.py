@@ -1,7 +1,10 @@
+import gc
 import os
 import signal
 import sys
 from functools import partial
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: further threads would only wait, and disturb others
 
 import pytest
 from hypothesis import settings
@@ -38,6 +41,17 @@ jit._foreign = _of_users
 signal.signal(signal.SIGINT, signal.default_int_handler)
 for _number in (signal.SIGHUP, signal.SIGQUIT):
     signal.signal(_number, signal.SIG_DFL)
+
+
+def pytest_xdist_auto_num_workers(config):
+    """One worker more than processors: many tests of programs and devices mostly wait."""
+    return os.cpu_count() + 1
+
+
+def pytest_collection_finish():
+    """What was collected stays until the end: no need to look through it each time for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups

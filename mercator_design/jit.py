@@ -12,6 +12,7 @@ Compiled code is cached in a folder named by a digest of its sources: numba itse
 import contextlib
 import functools
 import hashlib
+import importlib
 import inspect
 import json
 import os
@@ -101,8 +102,6 @@ def compiled(function: F) -> F:
         return function
     with _lock:
         if function not in _compiled:
-            while _waiting:
-                _register(_waiting.pop(0))
             _compiled[function] = _compile(function)
     return cast("F", _compiled[function])
 
@@ -110,6 +109,7 @@ def compiled(function: F) -> F:
 def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
     import numba
 
+    _load_array_functions()
     folder = cache_folder()
     usual = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options at run time
     numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
@@ -118,7 +118,7 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # the references to all passed arrays would take two thirds of the time.
         options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
-        entry._cache = kernel_cache.keep_whole(entry._cache)  # noqa: SLF001 - numba offers no other way in
+        entry._cache = kernel_cache.keep_whole(entry._cache, _register_waiting)  # noqa: SLF001 - the only way in
     finally:
         numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
 
@@ -133,6 +133,23 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
             raise CompilationError(reason[:500], places) from error
 
     return call
+
+
+@functools.cache
+def _load_array_functions() -> None:
+    """Load numba's functions of arrays without scipy.linalg.
+
+    numba would import scipy.linalg, which is slow, only to find out whether it is there. Those of its functions that
+    need scipy.linalg import it when they are compiled.
+    """
+    from numba.np import linalg
+
+    ensure_blas = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = ensure_blas
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
@@ -239,6 +256,13 @@ def _frozen(function: Callable[..., Any]) -> str:
 def _plain(value: Any) -> Any:
     """An array as a list; None for anything else, such as a function."""
     return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None
+
+
+def _register_waiting() -> None:
+    """Let compiled code call all functions marked so far; code from the cache needs none of them."""
+    with _lock:
+        while _waiting:
+            _register(_waiting.pop(0))
 
 
 def _register(function: Callable[..., Any]) -> None:

@@ -13,7 +13,7 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,15 +94,19 @@ def _is_trusted(group: int) -> bool:
     return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
-def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
+def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> Any:  # noqa: ANN401 - numba has no types
     """Make numba's cache of one function load only complete files, and raise only for a lack of memory.
 
     Installations with the same sources share compiled code: numba would look in a folder named by the path of the
     source file, and of some versions only if the file is as old.
+
+    Args:
+        cache: The cache.
+        before_compiling: Called if the cache does not have what is wanted.
     """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
     if files is None:  # nothing is cached
-        return _Forgiving(cache)
+        return _Forgiving(cache, before_compiling)
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
     from importlib.metadata import version  # slow to import, and a robot compiles nothing
 
@@ -134,7 +138,7 @@ def keep_whole(cache: Any) -> Any:  # noqa: ANN401 - numba has no types
                 file.write(digesting.digest.digest())
 
     files.__class__ = Whole
-    return _Forgiving(cache)
+    return _Forgiving(cache, before_compiling)
 
 
 class _Digesting:
@@ -168,8 +172,9 @@ class _Forgiving:
     Raises MemoryError if LLVM would end this process for lack of memory.
     """
 
-    def __init__(self, cache: Any) -> None:  # noqa: ANN401
+    def __init__(self, cache: Any, before_compiling: Callable[[], None]) -> None:  # noqa: ANN401
         self._cache = cache
+        self._before_compiling = before_compiling
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401
         return getattr(self._cache, name)
@@ -181,6 +186,7 @@ class _Forgiving:
             found = self._cache.load_overload(signature, context)
         if found is None:
             address_space.require(address_space.TO_COMPILE, "to compile")
+            self._before_compiling()
         return found
 
     def save_overload(self, signature: Any, data: Any) -> None:  # noqa: ANN401

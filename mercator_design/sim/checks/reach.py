@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.arena import Arena
@@ -24,7 +23,6 @@ _SLACK = 0.005
 _FINE = 8  # cells along the disc's radius, if there are not too many
 _COARSEST = 3
 _MAX_CELLS = 100_000
-_SIDES = np.ones((3, 3), dtype=np.bool_)
 _SIZES = ("body.length", "body.width", "body.radius")
 
 
@@ -98,10 +96,22 @@ def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
         grid.inside[row] = arena.contains(points)
     # A cell is free if the disc's centre may be anywhere in it.
     free = grid.inside & ~_blocked(arena, grid, radius - _SLACK - cell * math.sqrt(0.5))
-    labels, _ = scipy.ndimage.label(free, _SIDES)
-    starts = labels[_starts(mission.placement, grid) & free]
-    grid.reached[:] = np.isin(labels, np.unique(starts)) & free
+    grid.reached[:] = _connected(free, _starts(mission.placement, grid) & free)
     return grid
+
+
+def _connected(free: Flags, starts: Flags) -> Flags:
+    """The free cells that are connected to some starts, by sides or corners; the starts are free."""
+    border = np.pad(free & ~starts, 1)
+    left = border.ravel()  # free cells that are not reached yet
+    width = border.shape[1]
+    ways = np.array([row * width + column for row in (-1, 0, 1) for column in (-1, 0, 1)])
+    newest = np.flatnonzero(np.pad(starts, 1))
+    while len(newest):
+        near = (newest[:, np.newaxis] + ways).ravel()
+        newest = np.unique(near[left[near]])
+        left[newest] = False
+    return np.asarray(free & ~border[1:-1, 1:-1], dtype=np.bool_)
 
 
 def _blocked(arena: Arena, grid: Reach, distance: float) -> Flags:
@@ -140,4 +150,5 @@ def _starts(placement: Placement, grid: Reach) -> Flags:
     columns, rows = np.floor((points - grid.low) / grid.cell).astype(int).T
     there = (rows >= 0) & (rows < starts.shape[0]) & (columns >= 0) & (columns < starts.shape[1])
     starts[rows[there], columns[there]] = True
-    return np.asarray(scipy.ndimage.binary_dilation(starts, _SIDES), dtype=np.bool_)
+    neighbourhoods = np.lib.stride_tricks.sliding_window_view(np.pad(starts, 1), (3, 3))
+    return np.asarray(neighbourhoods.any(axis=(2, 3)), dtype=np.bool_)

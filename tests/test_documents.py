@@ -1,6 +1,7 @@
 """Documents: parts that are made from the code are current, every page is in the index, every link leads somewhere."""
 
 import dataclasses
+import functools
 import re
 import runpy
 import sys
@@ -61,11 +62,16 @@ def test_the_reference_of_commands_is_the_programs():
     assert "| `--budget N` | Maximum number of experiments;" in shown
 
 
-COMMANDS = {name: one for program in cli_reference.PROGRAMS.items() for name, one in cli_reference.walk(*program)}
 COMMAND = re.compile(
     r"(?:^|&& |; |do |\| )(?:\$ |sudo )?(?:\S*python3 )?(?:\S*/)?(mdesign|mercator-robot)(?:\.pyz)?( [^|;&)#\n]*)",
     re.MULTILINE,
 )
+
+
+@functools.cache
+def all_commands():
+    """All commands of both programs, by their names; slow, as they are loaded."""
+    return {name: one for program in cli_reference.PROGRAMS.items() for name, one in cli_reference.walk(*program)}
 
 
 def commands_in(text):
@@ -126,9 +132,9 @@ def test_every_command_is_there_with_its_options(document):
         return  # what was, and what is made from the programs
     for program, words in commands_in(document.read_text()):
         depth = 0
-        while " ".join([program, *words[: depth + 1]]) in COMMANDS and depth < len(words):
+        while " ".join([program, *words[: depth + 1]]) in all_commands() and depth < len(words):
             depth += 1
-        command = COMMANDS[" ".join([program, *words[:depth]])]
+        command = all_commands()[" ".join([program, *words[:depth]])]
         assert not (isinstance(command, click.Group) and re.match("[a-z]", " ".join(words[depth:]))), (program, words)
         options = {"-h", "--help"}.union(*(parameter.opts for parameter in command.params))
         given = {re.sub(r"[]=].*", "", word.lstrip("[")) for word in words if re.match(r"\[?--?[a-z]", word)}

@@ -48,10 +48,14 @@ def pytest_xdist_auto_num_workers(config):
     return os.cpu_count() + 1
 
 
+gc.disable()  # until all is collected
+
+
 def pytest_collection_finish():
     """What was collected stays until the end: no need to look through it each time for garbage."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups

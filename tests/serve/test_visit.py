@@ -9,6 +9,7 @@ from mercator_design.fsm.text import parse
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
 from mercator_design.serve.service import Service
+from tests.serve.accessibility import serious_faults
 from tests.serve.serving import serving
 from tests.view.browser import CHROMIUM
 
@@ -67,6 +68,7 @@ def test_from_the_login_to_the_fsm(page, lab):
     page.wait_for("document.getElementById('watch') && !document.getElementById('watch').hidden")
     page.evaluate("document.getElementById('watch').click()")
     page.wait_for("document.querySelector('#stage canvas')")
+    assert serious_faults(page) == []
 
     # another job is cancelled
     other = submit(page, mission="foraging", budget=100_000)
@@ -87,10 +89,12 @@ def test_from_the_login_to_the_fsm(page, lab):
     page.evaluate("document.getElementById('run').click()")
     page.wait_for("document.querySelector('#results .verdict')")
     assert "paired t-test on 4 instances" in page.evaluate("document.getElementById('results').textContent")
+    assert serious_faults(page) == []
 
     # designs are compared, and the winner is fetched
     page.open(f"{address}/compare?job={job}&fsm=--nstates+1+--s0+1&runs=4")
     page.wait_for("document.querySelectorAll('#results table').length === 2")
+    assert serious_faults(page) == []
     page.open(f"{address}/jobs/{job}")
     page.wait_for("document.querySelector('a[download]')")
     text = page.evaluate("fetch(document.querySelector('a[download]').href).then((one) => one.text())")

@@ -70,10 +70,10 @@ def test_new_instances_need_not_be_a_multiple_of_those_between_tests_and_one_may
 
 def test_a_race_that_would_exceed_the_budget_ends():
     """A case in which irace's rules alone would make three experiments too many."""
-    generator = random.Random(1)
+    generator = random.Random(805)
     space = Space([real(f"x{k}", 0, 1) for k in range(5)])
-    options = RaceOptions(first_test=12, elitist_new_instances=5, confirmation=0)
-    race = IteratedRace(space, budget=255, seed=1, options=options)
+    options = RaceOptions(first_test=12, elitist_new_instances=5, confirmation=0, surrogate=0)
+    race = IteratedRace(space, budget=255, seed=805, options=options)
     while batch := race.ask():
         race.tell([generator.gauss(0, 1) + 3 * sum(race.configurations[e.configuration].values()) for e in batch])
     assert 245 < race.used <= 255
@@ -232,7 +232,7 @@ def test_a_race_that_is_not_elitist_begins_afresh():
 
 def test_what_is_left_is_spent_on_a_postselection():
     with_it, without = (
-        IteratedRace(MIXED, budget=311, seed=1, options=RaceOptions(postselection=wanted, confirmation=0))
+        IteratedRace(MIXED, budget=311, seed=1, options=RaceOptions(postselection=wanted, confirmation=0, surrogate=0))
         for wanted in (True, False)
     )
     run(with_it)
@@ -515,7 +515,7 @@ def test_few_instances_for_many_experiments():
 
 
 def test_old_instances_in_their_own_order():
-    options = RaceOptions(sample_instances=False, confirmation=0, postselection=False)
+    options = RaceOptions(sample_instances=False, confirmation=0, postselection=False, surrogate=0)
     race = IteratedRace(MIXED, budget=600, seed=1, options=options)
     told = run(race)
     for summary in race.iterations:

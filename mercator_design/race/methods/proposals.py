@@ -33,11 +33,11 @@ _ROUNDS = 2
 _PROMISING = 20
 _CHILDREN = 4
 """Mutations of each promising candidate; one more child is made by crossing."""
-_MIN_NEIGHBOURS, _NEIGHBOURS_EACH = 8, 3
-"""At most so many neighbours by the structure of the space in each round, or so many for each proposal: they are made
-one by one, in fifty times the time."""
-_MAX_SAMPLED = 150
-"""Maximum number of candidates at which functions are sampled: the time grows with its cube."""
+_MIN_NEIGHBOURS, _NEIGHBOURS_EACH, _MAX_NEIGHBOURS = 6, 2, 30
+"""Neighbours by the structure of the space in each round: the largest number for few proposals, for each proposal, and
+the largest of all. They are made one by one, in fifty times the time of other candidates."""
+_MIN_SAMPLED, _SAMPLED_EACH, _MAX_SAMPLED = 150, 2, 300
+"""Candidates at which functions are sampled, in the same way: the time grows with the cube of their number."""
 _MIN_PARENTS = 5
 _DIGITS = 9
 """Rows are equal if they are so many decimals long."""
@@ -121,7 +121,7 @@ class Proposer:
         numbers = [*ranked, *best]
         parents = self._rows_of(numbers, history)
         pool = _Pool(self._surrogate, self._features, self._keys)
-        max_neighbours = max(_MIN_NEIGHBOURS, _NEIGHBOURS_EACH * n)
+        max_neighbours = min(max(_MIN_NEIGHBOURS, _NEIGHBOURS_EACH * n), _MAX_NEIGHBOURS)
 
         def any_of(n: int) -> list[int]:
             found: list[int] = generator.integers(len(numbers), size=n).tolist()
@@ -152,7 +152,7 @@ class Proposer:
                 ),
                 moves.crossed(promising, promising[generator.integers(len(promising), size=len(promising))]),
             )
-        return pool.best(_MAX_SAMPLED, optimism=2.0)
+        return pool.best(min(max(_MIN_SAMPLED, _SAMPLED_EACH * n), _MAX_SAMPLED), optimism=2.0)
 
     def _chosen(
         self, candidates: Floats, sampled: Floats, excluded: Callable[[Configuration], bool]
@@ -162,9 +162,8 @@ class Proposer:
         keys: set[tuple[Value | None, ...]] = set()
         is_left = np.ones(len(candidates), dtype=bool)
         for values in sampled:
-            for k in np.argsort(values, kind="stable").tolist():
-                if not is_left[k]:
-                    continue
+            while is_left.any():
+                k = int(np.where(is_left, values, np.inf).argmin())
                 is_left[k] = False
                 child = self._encoding.configuration(candidates[k])
                 if self._structure is not None:

@@ -93,6 +93,7 @@ def test_time_limit(desk, monkeypatch):
     monkeypatch.setattr(desk, "_seconds", 0.05)
     with pytest.raises(TooMuchWork, match=r"longer than the 0.05 s that the service allows"):
         desk.run(sleep, 60)
+    assert desk.run_within(60.0, sleep, 0.3) is None
     monkeypatch.undo()
     assert desk.run(add, 1) == 2
 

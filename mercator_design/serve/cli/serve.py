@@ -17,6 +17,9 @@ from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import load_settings
 
+_COMPILING = 1800.0
+"""Seconds in which also a small or busy machine has compiled the simulator."""
+
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
@@ -73,6 +76,6 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
 def _warm_up(service: Service) -> None:
     """Let a helper load and compile the simulator, before the first user waits for it."""
     try:
-        service.desk.run(warm_up)
+        service.desk.run_within(_COMPILING, warm_up)
     except MercatorError as error:
         logging.getLogger(__name__).warning("the simulator cannot be compiled: %s", error)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, OneOf, Range
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race import Space
+from mercator_design.race import RaceOptions, Space
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.journal import Reading, read
@@ -59,6 +60,10 @@ def restored(path: Path) -> Task[Any]:
     """
     task, start = task_of(path), read_provenance(path).race
     here = task.start()
+    recorded = start.get("options")
+    if isinstance(recorded, Mapping):  # an option that did not exist yet was as irace's
+        usual = asdict(RaceOptions.irace())
+        start = {**start, "options": {name: usual[name] for name in here["options"] if name in usual} | dict(recorded)}
     for key in {**here, **start}:
         # Another version may give the same results.
         if key != "mercator_design" and not is_same(here.get(key), start.get(key)):

@@ -40,12 +40,12 @@ from benchmarks.race_results import Race, Row, results
 from benchmarks.two_samples import interval_of_share, mann_whitney, share_above, van_elteren
 from mercator_design import seeds
 from mercator_design.config.writing import dump
-from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
-from mercator_design.fsm.space.structure import PfsmStructure
+from mercator_design.designer import mission_space
+from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
-from mercator_design.race import Configuration, parse_space
+from mercator_design.race import Configuration
 from mercator_design.race.racing.statistics import holm
 from mercator_design.sim.simulate import Simulator
 
@@ -102,9 +102,8 @@ class MissionProblem:
 
     def __init__(self, name: str) -> None:
         self._flavour = MISSIONS[name].flavour
-        text, structure = parameters_text(self._flavour), PfsmStructure(self._flavour)
-        self.space = parse_space(text, "grammar", structure=structure)
         self._simulator = Simulator(MISSIONS[name].load())
+        self.space = mission_space(self._simulator, self._flavour)
         self._seed = 0
 
     @property

@@ -11,7 +11,7 @@ import pickle
 import shlex
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -38,6 +38,7 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
+from mercator_design.sim.checks.no_effect import is_of_use
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import write_text
@@ -120,8 +121,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
-        space = _space(flavour)
-        self.optimizer = METHODS[method](space, budget=budget, seed=seed)
+        self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
 
     @classmethod
@@ -260,10 +260,16 @@ def header_of(simulator: Simulator) -> dict[str, str]:
     return header
 
 
+def mission_space(simulator: Simulator, flavour: str) -> Space:
+    """All PFSMs of a flavour, for races on a mission."""
+    usable = partial(is_of_use, simulator.mission, simulator.robot_model)
+    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour, usable))
+
+
 @cache
 def _space(flavour: str) -> Space:
     """All PFSMs of a flavour."""
-    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour))
+    return parse_space(parameters_text(flavour), "grammar")
 
 
 def _unusual(model: ReferenceModel) -> dict[str, float]:

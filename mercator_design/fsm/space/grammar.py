@@ -82,6 +82,13 @@ def module_of(parameter: str, number: str, flavour: str) -> Module:
     return numbered(BEHAVIOURS if parameter.startswith("S") else CONDITIONS, flavour)[int(number)]
 
 
+def value_at(parameter: ModuleParameter, place: float) -> float:
+    """The value that is sampled at a place in [0, 1] of a parameter's domain."""
+    low, high = parameter.sampled
+    value = low + place * (high - low)
+    return float(round(value)) if parameter.integer else round(value, DIGITS)
+
+
 def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
     """The PFSM of a configuration: a value for each active parameter of the grammar."""
     return Pfsm(to_states(configuration, flavour), flavour)

@@ -7,13 +7,14 @@ The grammar numbers states and transitions, so that one PFSM has many configurat
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import DIGITS, Value, from_states, to_states
+from mercator_design.fsm.space.grammar import Value, from_states, to_states, value_at
+from mercator_design.fsm.space.simple import Draws, Usable, drawn_values, simple_machines
 
 T = TypeVar("T")
 
@@ -25,19 +26,20 @@ _STEP = 0.15
 """Standard deviation of a small step of a number, as a part of its domain."""
 
 
-class Draws(Protocol):
-    """What is needed of a generator of random numbers, such as numpy's."""
-
-    def random(self) -> float: ...
-
-    def normal(self) -> float: ...
-
-
 class PfsmStructure:
-    """The structure of a flavour's PFSMs, in terms of configurations of the grammar."""
+    """The structure of a flavour's PFSMs, in terms of configurations of the grammar.
 
-    def __init__(self, flavour: str) -> None:
+    `usable` returns whether a module with some parameters can be of use on a mission; by default all are.
+    """
+
+    def __init__(self, flavour: str, usable: Usable = lambda module, parameters: True) -> None:  # noqa: ARG005
         self._flavour = flavour
+        self._usable = usable
+
+    def simple(self, draws: Draws) -> list[dict[str, Value]]:
+        """The configurations of simple machines, in random order."""
+        machines = simple_machines(self._flavour, self._usable, draws)
+        return [from_states(_canonical(one.states), self._flavour) for one in machines]
 
     def canonical(self, configuration: Mapping[str, Value]) -> dict[str, Value]:
         """The configuration that stands for all whose PFSMs are the same but for the numbering."""
@@ -258,19 +260,13 @@ class _States:
         self.states[i] = replace(self.states[i], transitions=tuple(edges))
 
     def _values(self, module: Module) -> tuple[float, ...]:
-        return tuple(self._value(parameter, self._draws.random()) for parameter in module.parameters)
+        return drawn_values(module, self._draws)
 
     def _near(self, parameter: ModuleParameter, value: float) -> float:
         low, high = parameter.sampled
         place = (value - low) / (high - low) + _STEP * self._draws.normal()
         anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
-        return self._value(parameter, self._draws.random() if anywhere else place)
-
-    @staticmethod
-    def _value(parameter: ModuleParameter, place: float) -> float:
-        low, high = parameter.sampled
-        value = low + place * (high - low)
-        return float(round(value)) if parameter.integer else round(value, DIGITS)
+        return value_at(parameter, self._draws.random() if anywhere else place)
 
     def _below(self, n: int) -> int:
         return min(int(self._draws.random() * n), n - 1)

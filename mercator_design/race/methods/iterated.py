@@ -15,6 +15,7 @@ from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.sampling import similar, sobol_sample
+from mercator_design.race.racing.budget import MAX_CONFIGURATIONS
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates
@@ -149,6 +150,10 @@ class IteratedRace(Optimizer):
         initial = self._initial[:n]
         if len(initial) < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first iteration")
+        if self.options.n_configurations is None:
+            room = min(budget // self.options.planned_mu, MAX_CONFIGURATIONS) - n
+            simple = self._simple(min(int(self.options.simple * n), room), initial)
+            initial, n = initial + simple, n + len(simple)
         present = {self.space.key(configuration) for configuration in initial}
         sampled: list[Configuration] = []
         if len(initial) < n:
@@ -164,6 +169,14 @@ class IteratedRace(Optimizer):
         race = self._new_race(numbers, budget, elites=[])
         yield from self._run_race(race, budget, n_new=len(numbers))
         self._model.initialise(self.history.elite_configurations)
+
+    def _simple(self, n: int, others: Sequence[Configuration]) -> list[Configuration]:
+        """Up to n different simple configurations of the space's structure, if it has one."""
+        if self.space.structure is None or n <= 0:
+            return []
+        present = {self.space.key(configuration) for configuration in others}
+        found = {self.space.key(one): one for one in self.space.structure.simple(self._generator("simple"))}
+        return [one for key, one in found.items() if key not in present and not self.history.is_excluded(one)][:n]
 
     def _limit_survivors(self, n: int) -> None:
         """Reduce the number of survivors if it is not below the number of configurations, so that a race can begin."""

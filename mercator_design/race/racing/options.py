@@ -18,6 +18,8 @@ class RaceOptions:
             configurations. irace's sampling model draws the others.
         structure: Largest part of the moves of the surrogate's candidates that are made in the space's structure, if it
             has one. Unless this is 0, proposals, and draws of the sampling model, are in canonical form.
+        simple: Simple configurations of the space's structure, if it has one, in the first iteration: so many for each
+            that is planned, in addition to these, as far as its budget lets all run on mu instances.
         repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
@@ -56,6 +58,7 @@ class RaceOptions:
 
     surrogate: float = 0.8
     structure: float = 0.5
+    simple: float = 0.0
     repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
@@ -80,7 +83,7 @@ class RaceOptions:
     confirmation: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("surrogate", "structure"):
+        for name in ("surrogate", "structure", "simple"):
             self._require(name, "between 0 and 1", 0 <= getattr(self, name) <= 1)
         self._require("test", " or ".join(get_args(TestName)), self.test in get_args(TestName))
         self._require("confidence", "between 0 and 1", 0 < self.confidence < 1)
@@ -117,6 +120,7 @@ class RaceOptions:
         return cls(
             surrogate=0.0,
             structure=0.0,
+            simple=0.0,
             repeated=True,
             first_test=5,
             mu=5,

@@ -5,7 +5,7 @@ others; inactive parameters are not in it. A parameter is also inactive if its c
 depend on an inactive parameter.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
 from numpy.random import Generator
@@ -28,6 +28,10 @@ class Structure(Protocol):
 
     def neighbour(self, configuration: Configuration, draws: Generator) -> Configuration:
         """A configuration of a similar meaning, in canonical form."""
+        ...
+
+    def simple(self, draws: Generator) -> Sequence[Configuration]:
+        """Configurations for a search to begin with, in canonical form and random order."""
         ...
 
 

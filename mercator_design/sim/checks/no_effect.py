@@ -80,6 +80,13 @@ def _never_fires(mission: Mission, model: RobotModel, condition: Module, paramet
     return all(condition.function(model.reference_model, readings_on(model, one), parameters) == 0.0 for one in levels)
 
 
+def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: Sequence[float]) -> bool:
+    """Whether a module can make a difference: there is something to sense, and a condition can fire."""
+    if ("light" in module.reads and not mission.lights) or ("neighbours" in module.reads and mission.robots == 1):
+        return False
+    return module not in CONDITIONS or not _never_fires(mission, model, module, parameters)
+
+
 def ground_levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
     """All possible readings of the ground; None if noise, a mean or votes make others possible."""
     if labels := simulated_labels(mission.floor, model):

@@ -1,0 +1,74 @@
+"""Simple machines, for a search to begin with."""
+
+import numpy as np
+import pytest
+
+from mercator_design.designer import mission_space
+from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.simple import simple_machines
+from mercator_design.fsm.space.structure import PfsmStructure, canonical
+from mercator_design.missions.mission import load_mission
+from mercator_design.race import parse_space
+from mercator_design.sim.simulate import Simulator
+
+
+def everything(module, parameters):
+    return True
+
+
+def machines_of(mission, flavour, *overrides):
+    space = mission_space(Simulator(load_mission(mission, overrides)), flavour)
+    return [to_pfsm(one, flavour) for one in space.structure.simple(np.random.default_rng(1))]
+
+
+@pytest.mark.parametrize("flavour", ["watermelon", "chocolate"])
+def test_they_are_different_canonical_machines_of_one_or_two_states(flavour):
+    space = parse_space(parameters_text(flavour))
+    found = PfsmStructure(flavour).simple(np.random.default_rng(1))
+    machines = [to_pfsm(one, flavour) for one in found]
+    for configuration, machine in zip(found, machines, strict=True):
+        space.check(configuration)
+        assert canonical(machine) == machine
+        assert len(machine.states) == 1 or [len(state.transitions) for state in machine.states] == [1, 1]
+    assert len({space.key(one) for one in found}) == len(found)
+    behaviours = {"watermelon": 4, "chocolate": 6}[flavour]
+    conditions = {"watermelon": 10, "chocolate": 6}[flavour]  # floor colour counts for each of its colours
+    assert len(found) == behaviours + conditions * (behaviours - 1)
+
+
+def test_the_second_behaviour_ends_by_another_condition_on_the_same_senses():
+    for machine in simple_machines("watermelon", everything, np.random.default_rng(2)):
+        for there, back in [[edge for state in machine.states for edge in state.transitions]] * (
+            len(machine.states) - 1
+        ):
+            assert there.module.reads == back.module.reads
+            if there.module.reads:
+                assert (there.condition, there.parameters[1:]) != (back.condition, back.parameters[1:])
+            assert machine.states[0].behaviour == "exploration" != machine.states[1].behaviour
+
+
+def test_order_and_numbers_are_drawn():
+    first, again, other = (simple_machines("chocolate", everything, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert first == again
+    assert [one.states[-1].behaviour for one in first] != [one.states[-1].behaviour for one in other]
+
+
+def test_they_use_what_a_mission_offers():
+    machines = machines_of("color_aggregation", "watermelon")
+    colours = {
+        edge.parameters[1]
+        for machine in machines
+        for state in machine.states
+        for edge in state.transitions
+        if edge.condition == "floor colour"
+    }
+    assert colours == {0.0, 2.0, 3.0}  # no blue
+    dark = machines_of("chocolate_sca", "chocolate", "lights=[]")
+    lit = machines_of("chocolate_sca", "chocolate")
+    assert {"phototaxis", "anti-phototaxis"} <= {state.behaviour for one in lit for state in one.states}
+    assert not {"phototaxis", "anti-phototaxis"} & {state.behaviour for one in dark for state in one.states}
+    alone = machines_of("aggregation", "watermelon", "robots=1")
+    assert {state.behaviour for one in alone for state in one.states} == {"exploration", "stop"}
+    assert {edge.condition for one in alone for state in one.states for edge in state.transitions} == {
+        "black floor", "gray floor", "fixed probability",
+    }  # fmt: skip

@@ -58,7 +58,7 @@ class RaceOptions:
 
     surrogate: float = 0.8
     structure: float = 0.5
-    simple: float = 0.0
+    simple: float = 1.0
     repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95

@@ -172,7 +172,10 @@ class TestResume:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         with Journal(path, new=False) as one:
-            one.note(ExperimentDone(experiment=9999, iteration=6, configuration=1, instance=0, seed=1, score=1.0))
+            iteration = len(one.record.iterations) + 1
+            one.note(
+                ExperimentDone(experiment=9999, iteration=iteration, configuration=1, instance=0, seed=1, score=1.0)
+            )
         with pytest.raises(RaceError, match=f"expected {RAN} experiments in all, found {RAN + 1}"):
             resumed(path)
 

@@ -43,11 +43,6 @@ for _number in (signal.SIGHUP, signal.SIGQUIT):
     signal.signal(_number, signal.SIG_DFL)
 
 
-def pytest_xdist_auto_num_workers(config):
-    """One worker more than processors: many tests of programs and devices mostly wait."""
-    return os.cpu_count() + 1
-
-
 gc.disable()  # until all is collected
 
 

@@ -489,7 +489,7 @@ def test_a_pipe_in_place_of_a_journal_holds_up_nothing(house, raced, is_read):
 
 def test_a_damaged_journal_fails_its_job_alone(house):
     job = house.submit()
-    house.race(job, lines=30)
+    house.race(job, lines=60)
     journal = house.store.run_folder(job) / "journal.jsonl"
     journal.write_bytes(journal.read_bytes().replace(b'"experiment"', b'"experimental"', 1))
     house.tick()

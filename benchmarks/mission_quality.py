@@ -135,7 +135,10 @@ class MissionProblem:
         return self._simulator.run(to_pfsm(configuration, self._flavour), seed).score
 
 
-problem = cache(MissionProblem)
+@cache
+def problem(name: str) -> MissionProblem:
+    """Each is read once in a process."""
+    return MissionProblem(name)
 
 
 class Comparison(NamedTuple):

@@ -60,7 +60,7 @@ _NAMES = tuple(
 
 def parameters_text(flavour: str) -> str:
     """The grammar of a flavour as an irace parameter file. Watermelon has 149 parameters, Chocolate 133."""
-    behaviours, conditions = _modules(flavour)
+    behaviours, conditions = modules_of(flavour)
     lines = [f'NumStates "--nstates " i (1, {MAX_STATES})']
     for i in range(MAX_STATES):
         exists = f"NumStates > {i}"
@@ -96,7 +96,7 @@ def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
 
 def to_states(configuration: Mapping[str, Value], flavour: str) -> tuple[State, ...]:
     """The states of a configuration's PFSM, without the checks of `Pfsm`."""
-    behaviours, conditions = _modules(flavour)
+    behaviours, conditions = modules_of(flavour)
 
     def values(module: Module, index: str) -> tuple[float, ...]:
         return tuple([float(configuration[parameter.grammar + index]) for parameter in module.parameters])
@@ -140,7 +140,8 @@ def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
 
 
 @functools.cache
-def _modules(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
+def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
+    """The behaviours and the conditions of a flavour, by their numbers."""
     return numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
 
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
-from mercator_design.fsm.modules import Module, numbered
+from mercator_design.fsm.conditions import COLOUR_LABELS
+from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import value_at
+from mercator_design.fsm.space.grammar import modules_of, value_at
 
 T = TypeVar("T")
 
@@ -57,7 +57,7 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     The second behaviour ends by another condition that reads the same senses, for example on a floor of another colour.
     Numbers are uniform over their domains.
     """
-    behaviours = [one for one in numbered(BEHAVIOURS, flavour).values() if usable(one, (1.0, 1.0))]
+    behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
     kinds = [one for one in _kinds(flavour) if usable(one.module, (1.0, one.label))]
 
     def state(behaviour: Module, *transitions: Transition) -> State:
@@ -79,7 +79,7 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
 
 
 def _kinds(flavour: str) -> Iterator[_Kind]:
-    for module in numbered(CONDITIONS, flavour).values():
+    for module in modules_of(flavour)[1].values():
         if module.colours:
             yield from (_Kind(module, float(label)) for label in range(len(COLOUR_LABELS)))
         else:

@@ -4,17 +4,14 @@ The grammar numbers states and transitions, so that one PFSM has many configurat
 (drop a state, and lead what led to it to where it led) changes half of the numbers. Here a step is one of the PFSM.
 """
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, ModuleParameter, numbered
+from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import Value, from_states, to_states, value_at
-from mercator_design.fsm.space.simple import Draws, Usable, drawn_values, simple_machines
+from mercator_design.fsm.space.grammar import Value, from_states, modules_of, to_states, value_at
+from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, simple_machines
 
 T = TypeVar("T")
 
@@ -95,19 +92,13 @@ def _canonical(states: Sequence[State]) -> tuple[State, ...]:
     )
 
 
-@functools.cache
-def _modules(flavour: str) -> tuple[Sequence[Module], Sequence[Module]]:
-    """The behaviours and the conditions of a flavour."""
-    return tuple(numbered(BEHAVIOURS, flavour).values()), tuple(numbered(CONDITIONS, flavour).values())
-
-
 class _States:
     """States of a PFSM that are being changed. A move returns whether it was possible."""
 
     def __init__(self, states: Sequence[State], flavour: str, draws: Draws) -> None:
         self.states = list(states)
         self._draws = draws
-        self._behaviours, self._conditions = _modules(flavour)
+        self._behaviours, self._conditions = (tuple(table.values()) for table in modules_of(flavour))
 
     def move(self) -> None:
         """Make one possible move."""
@@ -272,4 +263,4 @@ class _States:
         return min(int(self._draws.random() * n), n - 1)
 
     def _any_of(self, some: Sequence[T]) -> T:
-        return some[self._below(len(some))]
+        return any_of(some, self._draws)

@@ -57,8 +57,8 @@ class Referee:
         self.space = pymunk.Space()
         self.space.iterations = scene.physics.iterations
         self.space.collision_slop = scene.physics.slop
-        for corners in scene.physics.obstacles.tolist():
-            shape = pymunk.Poly(self.space.static_body, corners)
+        for corners in np.split(scene.physics.corners, scene.physics.ends[:-1]):
+            shape = pymunk.Poly(self.space.static_body, corners.tolist())
             shape.friction = scene.physics.obstacle_friction
             self.space.add(shape)
         self.robots = [RefereeRobot(scene.physics) for _ in swarm.poses]

@@ -67,12 +67,13 @@ def _physics(mission: Mission, model: RobotModel, walls: Floats) -> scene.Physic
     physics, body, drive = model.physics, model.body, model.drive
     is_disc, (half_length, half_width) = isinstance(body, DiscBody), body.half_size
     outlines = [*wall_slabs(walls), *(box.corners() for box in mission.arena.obstacles)]
-    # In the order in which Chipmunk keeps corners, because contacts depend on it.
-    hulls = [pymunk.Poly(None, outline.tolist()).get_vertices() for outline in outlines]
+    # As Chipmunk keeps them, because contacts depend on their order. It drops corners that are equal after rounding.
+    hulls = [np.array(pymunk.Poly(None, outline.tolist()).get_vertices()) for outline in outlines]
     return scene.Physics(
         iterations=physics.solver_iterations,
         slop=physics.collision_slop,
-        obstacles=np.array(hulls, dtype=float).reshape(-1, 4, 2),
+        corners=np.vstack(hulls),
+        ends=np.cumsum([len(hull) for hull in hulls]),
         obstacle_friction=physics.wall_friction,
         radius=half_length if is_disc else 0.0,
         core_length=2.0 * (half_length - physics.corner_radius),

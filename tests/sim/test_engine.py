@@ -50,6 +50,14 @@ def test_recording_changes_nothing(simulator):
     assert digest(simulator.run(pfsm, 5)) == digest(simulator.run(pfsm, 5, record=True))
 
 
+@pytest.mark.parametrize("size", ["[1.0e-17, 0.8]", "[1.0e-17, 1.0e-17]"])
+def test_a_box_whose_corners_are_equal_after_rounding(size):
+    box = f"arena.obstacles=[{{center: [0.5, 0.5], size: {size}}}]"
+    world = Simulator(load_mission("aggregation", (box, "robots=6", "duration=30")))
+    pfsm = parse("--nstates 1 --s0 0 --rwm0 20")
+    assert digest(world.run(pfsm, 2)) == digest(world.run(pfsm, 2, referee=True))
+
+
 def test_what_is_kept_for_other_experiments_does_not_change():
     """The colours change during an experiment; the next one of the same seed begins with the first ones."""
     changing = Simulator(load_mission("changing_decision", ("duration=30",)))

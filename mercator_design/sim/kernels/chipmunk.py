@@ -107,7 +107,7 @@ class Space:
     """
 
     def __init__(self, physics: Physics, robots: int) -> None:
-        arena = np.zeros(2 + len(physics.obstacles), dtype=np.int64)
+        arena = np.zeros(OBSTACLES + len(physics.ends), dtype=np.int64)
         self.bridge = Bridge(_functions(), body_layout(), arena, np.zeros((robots, 5), dtype=np.int64))
         compiled(build)(self.bridge, physics)
         weakref.finalize(self, compiled(take_down), self.bridge)
@@ -155,12 +155,14 @@ def build(bridge: Bridge, physics: Physics) -> None:
     _call_pointer_int(call.space_set_iterations, (space, physics.iterations))
     _call_pointer_double(call.space_set_collision_slop, (space, physics.slop))
     _call_pointer_pointer(call.space_add_body, (space, static))
-    corners = physics.obstacles.shape[1]
-    for k in range(len(physics.obstacles)):
-        shape = _new_polygon(call.poly_shape_new_raw, (static, corners, physics.obstacles[k].ctypes.data, 0.0))
+    first = 0
+    for k in range(len(physics.ends)):
+        n, address = physics.ends[k] - first, physics.corners[first].ctypes.data
+        shape = _new_polygon(call.poly_shape_new_raw, (static, n, address, 0.0))
         _call_pointer_double(call.shape_set_friction, (shape, physics.obstacle_friction))
         _call_pointer_pointer(call.space_add_shape, (space, shape))
         arena[OBSTACLES + k] = shape
+        first = physics.ends[k]
     for i in range(len(bridge.robots)):
         _build_robot(call, bridge.robots[i], physics)
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from mercator_design.arrays import Flags, Floats
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.missions.floor import FloorTable
 
 
@@ -79,7 +79,8 @@ class Physics(NamedTuple):
 
     iterations: int  # of the solver
     slop: float  # overlap that Chipmunk allows [m]
-    obstacles: Floats  # (obstacles, corners, 2) of walls and boxes [m], in the order of Chipmunk
+    corners: Floats  # (corners, 2) of walls and boxes [m], one after the other, in the order of Chipmunk
+    ends: Numbers  # (walls and boxes,) the number of corners up to the end of each
     obstacle_friction: float
     radius: float  # of a robot that is a disc [m]; 0: robots are boxes ...
     core_length: float  # ... of this size, with a rim of corner_radius around it [m]

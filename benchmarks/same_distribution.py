@@ -88,17 +88,18 @@ def simulator(crowd: Crowd, *, short_cuts: bool = True) -> Simulator:
     return Simulator(load_mission(crowd.mission, crowd.overrides), model)
 
 
-Mark = Callable[[Scene, Swarm], None]  # in place of kernel.begin_motion
+Mark = Callable[[Scene, Swarm], int]  # in place of kernel.begin_motion
 
 
 @jittable
-def everybody_close(scene: Scene, swarm: Swarm) -> None:
+def everybody_close(scene: Scene, swarm: Swarm) -> int:
     """`kernel.begin_motion`, with all robots in the space."""
     kernel.aim(scene, swarm)
     for i in range(len(swarm.poses)):
         swarm.close[i] = True
         for k in range(3):
             swarm.former[i, k] = swarm.poses[i, k]
+    return 0
 
 
 def statistics(outcome: Outcome) -> dict[str, float]:
@@ -138,7 +139,7 @@ def marked(crowd: Crowd, seed: int, mark: Mark = everybody_close) -> dict[str, f
 
 
 def in_the_space(crowd: Crowd, seed: int) -> float:
-    """The fraction of robot-cycles of a run of the engine in which a robot is in Chipmunk's space."""
+    """The fraction of robot-cycles of a run of the engine at whose end a robot is in Chipmunk's space."""
     close: list[float] = []
     move = Referee.move
 

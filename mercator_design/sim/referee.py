@@ -65,30 +65,42 @@ class Referee:
 
     def move(self) -> None:
         """One control cycle of motion, as `kernel.move`."""
-        scene, swarm, space = self.scene, self.swarm, self.space
-        compiled(kernel.begin_motion)(scene, swarm)
-        for i, robot in enumerate(self.robots):
-            if robot.body.space and not swarm.close[i]:
-                space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
-        close = np.flatnonzero(swarm.close).tolist()
+        scene, swarm = self.scene, self.swarm
+        meetings = compiled(kernel.begin_motion)(scene, swarm)
+        if meetings == kernel.FREE:
+            self._part()
+            return
+        for k in range(scene.sub_steps):
+            if not swarm.close.all():
+                compiled(kernel.begin_step)(scene, swarm, meetings, k)
+            if k == 0:
+                self._part()
+            self._step(np.flatnonzero(swarm.close).tolist())
+        compiled(kernel.end_motion)(scene, swarm)
+        for i in np.flatnonzero(swarm.moved).tolist():
+            self.robots[i].place(swarm.poses[i], swarm.velocities[i])
+
+    def _part(self) -> None:
+        for robot, close in zip(self.robots, self.swarm.close.tolist(), strict=True):
+            if robot.body.space and not close:
+                self.space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
+
+    def _step(self, close: list[int]) -> None:
+        swarm = self.swarm
         for i in close:
             robot = self.robots[i]
             if not robot.body.space:
                 robot.place(swarm.poses[i], swarm.velocities[i])
-                space.add(robot.body, robot.shape)
-                space.add(robot.pivot, robot.gear)
+                self.space.add(robot.body, robot.shape)
+                self.space.add(robot.pivot, robot.gear)
             robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
             robot.goal.angular_velocity = float(swarm.targets[i, 2])
         if close:
-            for _ in range(scene.sub_steps):
-                space.step(scene.time_step)
-            for i in close:
-                body = self.robots[i].body
-                swarm.poses[i, :3] = *body.position, body.angle
-                swarm.velocities[i] = *body.velocity, body.angular_velocity
-            compiled(kernel.end_motion)(scene, swarm)
-            for i in np.flatnonzero(swarm.moved).tolist():
-                self.robots[i].place(swarm.poses[i], swarm.velocities[i])
+            self.space.step(self.scene.time_step)
+        for i in close:
+            body = self.robots[i].body
+            swarm.poses[i, :3] = *body.position, body.angle
+            swarm.velocities[i] = *body.velocity, body.angular_velocity
 
 
 def referee_experiment(scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History) -> None:

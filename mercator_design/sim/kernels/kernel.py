@@ -3,8 +3,8 @@
 `experiment` is the compiled loop. The referee (simulate.py) calls the same kernels one by one from Python, and steps
 the space through pymunk's public functions; both produce the same scores, bit for bit.
 
-A robot that can touch nothing in a cycle moves by a formula (motion.py). Chipmunk's space holds the walls and the
-robots that could touch something, and is stepped only if there are such robots.
+A robot that can touch nothing moves by a formula (motion.py). Chipmunk's space holds the walls and the robots that
+could touch something in the next steps (meetings.py), and is stepped only if there are such robots.
 
 The order in a cycle is that of ARGoS: the wheels execute the command of the previous cycle, then the floor may change,
 then each robot senses and decides. So a command moves the robot one cycle later, and nothing moves in the first cycle.
@@ -20,7 +20,8 @@ from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
-from mercator_design.sim.kernels.motion import glide, mark_close, withdraw
+from mercator_design.sim.kernels.meetings import find_meetings, mark_close
+from mercator_design.sim.kernels.motion import glide, withdraw
 from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
@@ -28,6 +29,8 @@ from mercator_design.sim.kernels.swarm import History, Swarm
 
 EVERYTHING = PROXIMITY | NEIGHBOURS | GROUND | LIGHT
 """All senses; a sense that the robot lacks has neutral readings."""
+
+FREE = -1
 
 
 @jittable
@@ -52,21 +55,40 @@ def aim(scene: Scene, swarm: Swarm) -> None:
 
 
 @jittable
-def begin_motion(scene: Scene, swarm: Swarm) -> None:
-    """The part of a cycle's motion before Chipmunk's: set targets, mark close robots, move the free ones."""
+def begin_motion(scene: Scene, swarm: Swarm) -> int:
+    """The part of a cycle's motion before its steps: set targets, list the meetings.
+
+    Returns:
+        The number of meetings; or FREE if no robot can touch anything. Then all robots have moved.
+    """
     aim(scene, swarm)
-    mark_close(scene, swarm)
+    n = len(swarm.poses)
+    for i in range(n):
+        for k in range(3):
+            swarm.former[i, k] = swarm.poses[i, k]
+    meetings = find_meetings(scene, swarm)
+    is_free = meetings == 0
+    for i in range(n):
+        is_free = is_free and not swarm.close[i]
+    if not is_free:
+        return meetings
+    for i in range(n):
+        glide(scene, swarm, i, scene.sub_steps)
+    return FREE
+
+
+@jittable
+def begin_step(scene: Scene, swarm: Swarm, meetings: int, step: int) -> None:
+    """The part of a step before Chipmunk's: mark close robots, move the others."""
+    mark_close(scene, swarm, meetings, step)
     for i in range(len(swarm.poses)):
-        if swarm.close[i]:
-            for k in range(3):
-                swarm.former[i, k] = swarm.poses[i, k]
-        else:
-            glide(scene, swarm, i)
+        if not swarm.close[i]:
+            glide(scene, swarm, i, 1)
 
 
 @jittable
 def end_motion(scene: Scene, swarm: Swarm) -> None:
-    """The part after Chipmunk's: move robots in its space that overlap walls too far, and mark them."""
+    """The part after the steps: move robots in Chipmunk's space that overlap walls too far, and mark them."""
     for i in range(len(swarm.poses)):
         swarm.moved[i] = swarm.close[i] and withdraw(scene, swarm, i)
 
@@ -74,31 +96,43 @@ def end_motion(scene: Scene, swarm: Swarm) -> None:
 @jittable
 def move(bridge: Bridge, scene: Scene, swarm: Swarm) -> None:
     """One control cycle of motion."""
-    # Robots leave with their state at the end of the previous cycle, and glide from there.
-    begin_motion(scene, swarm)
     n = len(swarm.poses)
-    held = 0
+    meetings = begin_motion(scene, swarm)
+    if meetings == FREE:
+        _part(bridge, swarm)
+        return
+    for k in range(scene.sub_steps):
+        begin_step(scene, swarm, meetings, k)
+        if k == 0:
+            _part(bridge, swarm)
+        held = 0
+        for i in range(n):
+            if swarm.close[i]:
+                is_new = not swarm.held[i]
+                if is_new:
+                    enter(bridge, i, swarm.poses, swarm.velocities)
+                    swarm.held[i] = True
+                if is_new or k == 0:
+                    aim_at(bridge, i, swarm.targets)
+                held += 1
+        if held > 0:
+            step(bridge, scene.time_step)
+            for i in range(n):
+                if swarm.held[i]:
+                    read_state(bridge, i, swarm.poses, swarm.velocities)
+    end_motion(scene, swarm)
     for i in range(n):
+        if swarm.moved[i]:
+            write_state(bridge, i, swarm.poses, swarm.velocities)
+
+
+@jittable
+def _part(bridge: Bridge, swarm: Swarm) -> None:
+    """Take the robots out of the space that are not close to anything; they glide from their last state there."""
+    for i in range(len(swarm.poses)):
         if swarm.held[i] and not swarm.close[i]:
             leave(bridge, i)
             swarm.held[i] = False
-    for i in range(n):
-        if swarm.close[i]:
-            if not swarm.held[i]:
-                enter(bridge, i, swarm.poses, swarm.velocities)
-                swarm.held[i] = True
-            aim_at(bridge, i, swarm.targets)
-            held += 1
-    if held > 0:
-        for _ in range(scene.sub_steps):
-            step(bridge, scene.time_step)
-        for i in range(n):
-            if swarm.held[i]:
-                read_state(bridge, i, swarm.poses, swarm.velocities)
-        end_motion(scene, swarm)
-        for i in range(n):
-            if swarm.moved[i]:
-                write_state(bridge, i, swarm.poses, swarm.velocities)
 
 
 @jittable

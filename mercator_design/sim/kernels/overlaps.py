@@ -1,7 +1,8 @@
 """How far bodies overlap, and the shortest way out. Kernels.
 
-The overlap of two bodies is the shortest distance [m] that separates them; it is negative if they are apart. With it
-comes the direction (a unit vector) in which the first body leaves the other.
+The overlap of two bodies is the shortest distance [m] that separates them. With it comes the direction (a unit vector)
+in which the first body leaves the other. If they are apart, it is negative: at least that gap lies between them, along
+that direction.
 """
 
 import math
@@ -90,7 +91,8 @@ def _box_in_wall(walls: Floats, i: int, box: PlacedBody) -> tuple[float, float, 
     away = start_x * normal_x + start_y * normal_y
     depth = extent - abs(away)
     if depth < 0.0:
-        return depth, 0.0, 0.0
+        side = math.copysign(1.0, -away)
+        return depth, side * normal_x, side * normal_y
     depth, out_x, out_y = extent + away, normal_x, normal_y
     end_x, end_y = start_x + walls[i, 2], start_y + walls[i, 3]
     n = len(walls)
@@ -103,8 +105,10 @@ def _box_in_wall(walls: Floats, i: int, box: PlacedBody) -> tuple[float, float, 
         else:
             low, high, round_low, round_high = at_start, at_end, round_start, round_end
         backwards, forwards = half - low, half + high
-        if backwards < 0.0 or forwards < 0.0:
-            return min(backwards, forwards), 0.0, 0.0
+        if backwards < 0.0:
+            return backwards, -axis_x, -axis_y
+        if forwards < 0.0:
+            return forwards, axis_x, axis_y
         if round_low and backwards < depth:
             depth, out_x, out_y = backwards, -axis_x, -axis_y
         if round_high and forwards < depth:
@@ -142,9 +146,18 @@ def box_overlap(box: PlacedBody, other: PlacedBody) -> tuple[float, float, float
         if along < depth:
             sign = -1.0 if away > 0.0 else 1.0
             depth, out_x, out_y = along, sign * axis_x, sign * axis_y
-            if depth < 0.0:
-                break  # apart
     return depth, out_x, out_y
+
+
+@jittable
+def body_overlap(body: PlacedBody, other: PlacedBody, round_: bool) -> tuple[float, float, float]:
+    """Overlap of a robot with another, and the way out (x, y); both are discs, or both are boxes."""
+    if not round_:
+        return box_overlap(body, other)
+    to_x, to_y = body.x - other.x, body.y - other.y
+    distance = math.sqrt(to_x * to_x + to_y * to_y)
+    depth = body.half_length + other.half_length - distance
+    return (depth, 1.0, 0.0) if distance == 0.0 else (depth, to_x / distance, to_y / distance)
 
 
 @jittable

@@ -12,6 +12,9 @@ from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 
+_MEETINGS = 16
+"""For each robot, on average; more than there is room for around robots that are as slow as real ones."""
+
 
 class Swarm(NamedTuple):
     """The changing state: one row for each robot."""
@@ -29,8 +32,11 @@ class Swarm(NamedTuple):
     heard: Floats  # (robots, robots, latest cycles, 3) of each other: 1 if perceived; where, ahead and to the left [m]
     votes: Floats  # (robots, ground_vote_cycles, 2) black and white ground readings of the latest cycles
     moved: Flags  # (robots,) whether it was moved out of a wall at the end of this cycle
-    former: Floats  # (robots, 3) poses at the beginning of the cycle, of robots in Chipmunk's space
-    reach: Floats  # (robots,) scratch of motion.mark_close
+    former: Floats  # (robots, 3) poses at the beginning of the cycle
+    # Scratch of meetings.py.
+    reach: Floats  # (robots,)
+    meetings: Numbers  # (so many fit in, 3)
+    queue: Numbers  # (robots,)
     # Scratch for the senses of one robot.
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
@@ -75,6 +81,8 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         moved=np.zeros(n, dtype=np.bool_),
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
+        meetings=np.zeros((n + min(n * (n - 1) // 2, _MEETINGS * n), 3), dtype=np.int64),
+        queue=np.zeros(n, dtype=np.int64),
         proximity=np.zeros(len(scene.proximity.directions_x)),
         light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),

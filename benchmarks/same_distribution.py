@@ -56,6 +56,7 @@ class Crowd:
     mission: str
     overrides: tuple[str, ...]
     blind: bool = False  # to obstacles, which they then push
+    fsm: str = FSM
 
 
 CROWDS = {
@@ -67,6 +68,12 @@ CROWDS = {
     ),
     "8 that push, the original's constants, 20 s": Crowd(
         "mercator-argos", "grid_exploration", ("robots=8", "duration=20"), blind=True
+    ),
+    "20 attracted, 20 s": Crowd(
+        "mercator",
+        "aggregation_20",
+        ("duration=20", "arena.walls.apothem=2", "placement.radius=1.8", "floor.zones[0].radius=1.0"),
+        fsm="--nstates 1 --s0 2 --att0 4",
     ),
     "20 discs, 20 s": Crowd(
         "epuck",
@@ -129,13 +136,13 @@ def statistics(outcome: Outcome) -> dict[str, float]:
 
 def as_it_is(crowd: Crowd, seed: int) -> dict[str, float]:
     """A run of the engine."""
-    return statistics(simulator(crowd).run(parse(FSM), seed, record=True))
+    return statistics(simulator(crowd).run(parse(crowd.fsm), seed, record=True))
 
 
 def marked(crowd: Crowd, seed: int, mark: Mark = everybody_close) -> dict[str, float]:
     """A run without short cuts, in which others than the engine's robots are in the space."""
     with patch.object(kernel, "begin_motion", mark):
-        return statistics(simulator(crowd, short_cuts=False).run(parse(FSM), seed, record=True, referee=True))
+        return statistics(simulator(crowd, short_cuts=False).run(parse(crowd.fsm), seed, record=True, referee=True))
 
 
 def in_the_space(crowd: Crowd, seed: int) -> float:
@@ -148,7 +155,7 @@ def in_the_space(crowd: Crowd, seed: int) -> float:
         close.append(float(referee.swarm.close.mean()))
 
     with patch.object(Referee, "move", noted):
-        simulator(crowd).run(parse(FSM), seed, referee=True)
+        simulator(crowd).run(parse(crowd.fsm), seed, referee=True)
     return float(np.mean(close))
 
 

@@ -7,8 +7,8 @@ room. Each in three ways:
     referee    the same kernels, called one by one from Python, the space stepped by pymunk's public functions
     naive      plain pymunk as one would write it first: a Python loop over the robots, `segment_query` for each ray
 
-Then lidars of 719 beams that every robot turns in every cycle, 3 and 200 robots in as much room for each as in the
-crowd, two threads, and memory over many short experiments.
+Then lidars of 719 beams that every robot turns in every cycle, 20 robots that attract each other, always and now and
+then, 3 and 200 robots in as much room for each as in the crowd, two threads, and memory over many short experiments.
 
 Protocol: 120 s, 10 steps a cycle, 8 rays, a 4-state PFSM; CPU time of this process, building the space included; seeds
 in turn, the ways interleaved. Times are means over the seeds, with the least and the most; ratios are of these means,
@@ -49,6 +49,11 @@ FSM = (
     "--nstates 4 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 3 --p0x1 2 --w0x1 5 --s1 1 "
     "--n1 1 --n1x0 0 --c1x0 5 --p1x0 0.05 --s2 2 --att2 4 --n2 2 --n2x0 0 --c2x0 5 --p2x0 0.1 --n2x1 2 --c2x1 4 "
     "--p2x1 1 --w2x1 3 --s3 3 --rep3 5 --n3 1 --n3x0 1 --c3x0 1 --p3x0 0.1"
+)
+ATTRACTED = "--nstates 1 --s0 2 --att0 4"
+EXPLORING_AND_ATTRACTED = (  # the winner of a short race
+    "--nstates 2 --s0 0 --rwm0 36 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.96 --n0x1 0 --c0x1 3 --p0x1 6 --w0x1 2.63 "
+    "--s1 2 --att1 4.33 --n1 2 --n1x0 0 --c1x0 5 --p1x0 1 --n1x1 0 --c1x1 1 --p1x1 0.74"
 )
 MISSIONS = ("aggregation_20", "grid_exploration_20", "color_aggregation_20")
 Way = Callable[[int], object]  # runs the experiment of a seed
@@ -233,7 +238,7 @@ def main() -> None:
     given = parser.parse_args()
     fsm = parse(FSM)
 
-    def way(simulator: Simulator, *, referee: bool = False) -> Way:
+    def way(simulator: Simulator, fsm: Pfsm = fsm, *, referee: bool = False) -> Way:
         return lambda seed: simulator.run(fsm, seed, referee=referee)
 
     def plain(simulator: Simulator) -> Way:
@@ -255,6 +260,8 @@ def main() -> None:
         recording = Simulator(crowd.mission, load_robot_model(robot)).run(fsm, 1).recording
         ways[f"lidar of {robot}"] = lambda _, recording=recording: recording.measure("lidar")  # type: ignore[misc]
     ways["neighbours by camera"] = way(Simulator(crowd.mission, by_camera))
+    for name, text in {"attracted": ATTRACTED, "exploring and attracted": EXPLORING_AND_ATTRACTED}.items():
+        ways[f"aggregation_20, {name}"] = way(simulators["aggregation_20"], parse(text))
     ways["3 robots"] = way(Simulator(load_mission("aggregation")))
     ways["200 robots"] = way(Simulator(load_mission("aggregation", scaled(200))))
     times = measure(ways, given.rounds)

@@ -859,7 +859,7 @@ class TestAnalysis:
 
     def test_importance_of_parameters(self, mdesign, raced, tmp_path):
         raced = shutil.copytree(raced, tmp_path / "r")
-        stop(raced, 150)  # as its time grows with the cube of the configurations
+        stop(raced, 200)  # as its time grows with the cube of the configurations
         code, out, _ = mdesign("runs", "importance", raced, "--of", "parameters", "--csv")
         assert code == 0
         table = pd.read_csv(io.StringIO(out), index_col="name")

@@ -99,27 +99,33 @@ def mark_close(scene: Scene, swarm: Swarm, meetings: int, step: int) -> None:
                 close[i] = True
                 if j < n:
                     close[j] = True
-    marked = 0
+    order = swarm.order
+    marked, others = 0, n
     for i in range(n):
         if close[i]:
-            swarm.queue[marked] = i
+            order[marked] = i
             marked += 1
+        else:
+            others -= 1
+            order[others] = i
     done = 0
     while done < marked < n:
-        marked = _mark_near(scene, swarm, swarm.queue[done], marked)
+        marked = _mark_near(scene, swarm, order[done], marked)
         done += 1
 
 
 @jittable
 def _mark_near(scene: Scene, swarm: Swarm, i: int, marked: int) -> int:
-    """Mark the robots that marked robot i could touch, and append them to `swarm.queue`; return its length."""
-    poses, velocities = swarm.poses, swarm.velocities
+    """Mark the robots that marked robot i could touch, and return how many are marked.
+
+    These are first in `swarm.order`.
+    """
+    poses, velocities, order = swarm.poses, swarm.velocities, swarm.order
     speed = math.sqrt(velocities[i, 0] * velocities[i, 0] + velocities[i, 1] * velocities[i, 1])
     near = 2.0 * scene.corner + _MARGIN + speed * AHEAD * scene.time_step
     is_faced = False
-    for j in range(len(poses)):
-        if swarm.close[j]:
-            continue
+    for place in range(marked, len(order)):
+        j = order[place]
         x, y = poses[i, 0] - poses[j, 0], poses[i, 1] - poses[j, 1]
         both = near + max(0.0, swarm.reach[j] - scene.corner)
         if x * x + y * y >= both * both:
@@ -130,7 +136,7 @@ def _mark_near(scene: Scene, swarm: Swarm, i: int, marked: int) -> int:
         _face(swarm, j)
         if _safe_steps(scene, swarm, i, j) < AHEAD:
             swarm.close[j] = True
-            swarm.queue[marked] = j
+            order[place], order[marked] = order[marked], j
             marked += 1
     return marked
 

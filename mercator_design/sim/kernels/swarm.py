@@ -36,7 +36,7 @@ class Swarm(NamedTuple):
     # Scratch of meetings.py.
     reach: Floats  # (robots,)
     meetings: Numbers  # (so many fit in, 3)
-    queue: Numbers  # (robots,)
+    order: Numbers  # (robots,)
     # Scratch for the senses of one robot.
     proximity: Floats  # (sensors,)
     light: Floats  # (sensors,) of the ring of light sensors
@@ -82,7 +82,7 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         former=np.zeros((n, 3)),
         reach=np.zeros(n),
         meetings=np.zeros((n + min(n * (n - 1) // 2, _MEETINGS * n), 3), dtype=np.int64),
-        queue=np.zeros(n, dtype=np.int64),
+        order=np.zeros(n, dtype=np.int64),
         proximity=np.zeros(len(scene.proximity.directions_x)),
         light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),

@@ -75,7 +75,7 @@ class Referee:
                 compiled(kernel.begin_step)(scene, swarm, meetings, k)
             if k == 0:
                 self._part()
-            self._step(np.flatnonzero(swarm.close).tolist())
+            self.step(np.flatnonzero(swarm.close).tolist())
         compiled(kernel.end_motion)(scene, swarm)
         for i in np.flatnonzero(swarm.moved).tolist():
             self.robots[i].place(swarm.poses[i], swarm.velocities[i])
@@ -85,7 +85,8 @@ class Referee:
             if robot.body.space and not close:
                 self.space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
 
-    def _step(self, close: list[int]) -> None:
+    def step(self, close: list[int]) -> None:
+        """Advance the space by a step, with the robots that are close to something."""
         swarm = self.swarm
         for i in close:
             robot = self.robots[i]

@@ -1,6 +1,7 @@
 """How robots move: the original's law where nothing touches, and what contacts may do."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -175,31 +176,32 @@ def test_wheel_noise_is_proportional_to_speed():
     assert steps.std() == pytest.approx(sd, rel=6 / math.sqrt(2 * len(steps)))
 
 
-def test_robots_that_are_not_close_touch_nothing(monkeypatch):
-    """In crowded runs no robot overlaps a wall or robot, more than before, in a cycle in which it is not marked."""
-    cycles = []
-    move = Referee.move
+def test_robots_touch_nothing_before_they_have_made_a_step_in_the_space(monkeypatch):
+    """In no step of crowded runs a robot comes to overlap a wall or robot if it is not in the space, or new there."""
+    steps = []
+    step = Referee.step
 
-    def noted(referee):
-        before = referee.swarm.poses[:, :3].copy()
-        move(referee)
-        cycles.append((before, referee.swarm.poses[:, :3].copy(), referee.swarm.close.copy()))
+    def noted(referee, close):
+        step(referee, close)
+        steps.append((referee.swarm.poses[:, :3].copy(), set(close)))
 
-    monkeypatch.setattr(Referee, "move", noted)
+    monkeypatch.setattr(Referee, "step", noted)
     world = simulator(robots=8, duration=30, robot_model=BLIND)
+    free = new = touching = 0
     for seed in range(3):
+        steps.clear()
         world.run(WANDER, seed, referee=True)
-    free = touching = 0
-    for before, after, close in cycles:
-        touching += sum(beyond_walls(pose) > 0 for pose in after[close])
-        for i in np.flatnonzero(~close):
-            free += 1
-            assert beyond_walls(after[i]) - max(0.0, beyond_walls(before[i])) <= 1e-9
-            for j in range(8):
-                if i != j:
-                    deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
-                    assert deeper <= 1e-9
-    assert min(free, touching) > 100  # there was something to see of both
+        for (before, settled), (after, close) in itertools.pairwise(steps):
+            touching += sum(beyond_walls(after[i]) > 0 for i in close)
+            free += 8 - len(close)
+            new += len(close - settled)
+            for i in set(range(8)) - (close & settled):
+                assert beyond_walls(after[i]) - max(0.0, beyond_walls(before[i])) <= 1e-9
+                for j in range(8):
+                    if i != j:
+                        deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
+                        assert deeper <= 1e-9
+    assert min(free, new, touching) > 100  # there was something to see of each
 
 
 def beyond_walls(pose):

@@ -70,12 +70,17 @@ class Referee:
         if meetings == kernel.FREE:
             self._part()
             return
+        for robot, (x, y, turn) in zip(self.robots, swarm.targets.tolist(), strict=True):
+            robot.goal.velocity = x, y
+            robot.goal.angular_velocity = turn
         for k in range(scene.sub_steps):
             if not swarm.close.all():
+                self.read()
                 compiled(kernel.begin_step)(scene, swarm, meetings, k)
             if k == 0:
                 self._part()
-            self.step(np.flatnonzero(swarm.close).tolist())
+            self.step()
+        self.read()
         compiled(kernel.end_motion)(scene, swarm)
         for i in np.flatnonzero(swarm.moved).tolist():
             self.robots[i].place(swarm.poses[i], swarm.velocities[i])
@@ -85,23 +90,26 @@ class Referee:
             if robot.body.space and not close:
                 self.space.remove(robot.pivot, robot.gear, robot.shape, robot.body)
 
-    def step(self, close: list[int]) -> None:
+    def step(self) -> None:
         """Advance the space by a step, with the robots that are close to something."""
         swarm = self.swarm
+        close = np.flatnonzero(swarm.close).tolist()
         for i in close:
             robot = self.robots[i]
             if not robot.body.space:
                 robot.place(swarm.poses[i], swarm.velocities[i])
                 self.space.add(robot.body, robot.shape)
                 self.space.add(robot.pivot, robot.gear)
-            robot.goal.velocity = tuple(swarm.targets[i, :2].tolist())
-            robot.goal.angular_velocity = float(swarm.targets[i, 2])
         if close:
             self.space.step(self.scene.time_step)
-        for i in close:
-            body = self.robots[i].body
-            swarm.poses[i, :3] = *body.position, body.angle
-            swarm.velocities[i] = *body.velocity, body.angular_velocity
+
+    def read(self) -> None:
+        """Copy the states of the robots in the space to the swarm."""
+        for i, robot in enumerate(self.robots):
+            body = robot.body
+            if body.space:
+                self.swarm.poses[i, :3] = *body.position, body.angle
+                self.swarm.velocities[i] = *body.velocity, body.angular_velocity
 
 
 def referee_experiment(scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History) -> None:

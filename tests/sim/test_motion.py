@@ -181,9 +181,10 @@ def test_robots_touch_nothing_before_they_have_made_a_step_in_the_space(monkeypa
     steps = []
     step = Referee.step
 
-    def noted(referee, close):
-        step(referee, close)
-        steps.append((referee.swarm.poses[:, :3].copy(), set(close)))
+    def noted(referee):
+        step(referee)
+        referee.read()
+        steps.append((referee.swarm.poses[:, :3].copy(), set(np.flatnonzero(referee.swarm.close))))
 
     monkeypatch.setattr(Referee, "step", noted)
     world = simulator(robots=8, duration=30, robot_model=BLIND)

@@ -30,11 +30,10 @@ from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
-from mercator_design.race.methods import iterated
-from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.methods import confirmation, halving
+from mercator_design.race.methods.newcomers import Newcomers
 from mercator_design.race.methods.proposals import Proposer
-from mercator_design.race.methods.table import METHODS, RACES
-from mercator_design.race.racing.race import EliminationRace
+from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
@@ -79,7 +78,7 @@ def run(record: Record | Journal, executor: Executor, budget: int, method: str =
 
 def overhead(budget: int) -> None:
     """Prints the cost of a race, irace's and the default one, without and with a journal."""
-    for method in RACES:
+    for method in ("irace", "halving"):
         spent: list[float] = []
         with tempfile.TemporaryDirectory() as folder, ThreadExecutor(1) as executor:
             run(Record(), executor, 300, method)  # imports what is imported when it is needed
@@ -92,8 +91,8 @@ def overhead(budget: int) -> None:
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "surrogate": [(Proposer, "propose")],
-    "sampling": [(iterated, "sobol_sample"), (SamplingModel, "sample"), (SamplingModel, "update")],
-    "elimination": [(EliminationRace, "ask"), (EliminationRace, "tell")],
+    "first generation": [(Newcomers, "first")],
+    "expectation": [(halving, "by_expectation"), (confirmation, "by_expectation")],
     "journal": [(Journal, "note")],
 }
 """The functions of each part; none calls another one."""
@@ -107,7 +106,7 @@ def parts(budget: int) -> None:
         total, spent = min((_by_part(one) for _ in range(REPEATS)), key=lambda found: found[0])
         spent["all else"] = total - sum(spent.values())
         shares = ", ".join(f"{name} {time:.0f} us ({time / total:.0%})" for name, time in spent.items())
-        print(f"surrogate, budget {one}, with a journal: {total:.0f} us an experiment: {shares}")
+        print(f"halving, budget {one}, with a journal: {total:.0f} us an experiment: {shares}")
 
 
 def _by_part(budget: int) -> tuple[float, dict[str, float]]:
@@ -131,7 +130,7 @@ def _by_part(budget: int) -> tuple[float, dict[str, float]]:
         executor = stack.enter_context(ThreadExecutor(1))
         journal = stack.enter_context(Journal(Path(folder) / "journal.jsonl", new=True))
         start = time.process_time()
-        n = run(journal, executor, budget, "surrogate")
+        n = run(journal, executor, budget, "halving")
         total = time.process_time() - start
     return 1e6 * total / n, {part: 1e6 * time / n for part, time in spent.items()}
 

@@ -1,7 +1,7 @@
 """Races of methods on problems, and their results in a file that several processes may share.
 
-Methods are those of `mdesign race --method`, `default` (the library's own, `surrogate`), and `no-NAME`, the default but
-for the option NAME, which is irace's. METHOD@CODE has the results that the file has of another version of the code.
+Methods are those of `mdesign race --method`, `default`, and `no-NAME`, the default with
+its option NAME at zero. METHOD@CODE has the results that the file has of another version of the code.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 import mercator_design
 from mercator_design.jit import kernels_digest
-from mercator_design.race import Configuration, IteratedRace, RaceOptions, Space
+from mercator_design.race import Configuration, Halving, HalvingOptions, Space
 from mercator_design.race.methods.table import METHODS
 
 Row = dict[str, Any]
@@ -61,14 +61,14 @@ class Race(NamedTuple):
         return self.problem, method, self.budget, self.seed, code or fingerprint()
 
 
-def options_of(method: str) -> RaceOptions:
-    """`default`, or `no-NAME`: the default but for an option, which is irace's."""
+def options_of(method: str) -> HalvingOptions:
+    """`default`, or `no-NAME`: the default without an option."""
     if method == "default":
-        return RaceOptions()
+        return HalvingOptions()
     name = method.removeprefix("no-")
-    if method == name or not hasattr(RaceOptions(), name):
+    if method == name or not hasattr(HalvingOptions(), name):
         sys.exit(f"--methods: expected default, no-NAME of an option or {', '.join(METHODS)}, found {method}")
-    return replace(RaceOptions(), **{name: getattr(RaceOptions.irace(), name)})
+    return replace(HalvingOptions(), **{name: type(getattr(HalvingOptions(), name))(0)})
 
 
 @cache
@@ -85,7 +85,7 @@ def fingerprint() -> str:
 def run(problem: Problem, race: Race) -> Row:
     """One race to its end, and what its winner is worth; times are CPU seconds."""
     problem.start(race.seed)
-    make = METHODS.get(race.method) or partial(IteratedRace, options=options_of(race.method))
+    make = METHODS.get(race.method) or partial(Halving, options=options_of(race.method))
     evaluating, began = 0.0, time.process_time()
     optimizer = make(problem.space, budget=race.budget, seed=race.seed)
     while batch := optimizer.ask():

@@ -22,7 +22,7 @@ nothing. Scores are drawn, so that configurations are eliminated as in a race.
     the race itself  part of the time in which it computed: workers that have ended get nothing then
 
 Run: python benchmarks/race_throughput.py [--missions foraging aggregation aggregation_20] [--budget 3000] [--small 500]
-         [--methods surrogate irace ...] [--executors threads processes dask] [--jobs 1 2] [--workers 16 64]
+         [--methods halving irace ...] [--executors threads processes dask] [--jobs 1 2] [--workers 16 64]
 """
 
 import argparse

@@ -13,6 +13,7 @@ from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Event
@@ -176,7 +177,7 @@ def design(
     budget: int,
     seed: int = 1,
     flavour: str = "watermelon",
-    method: str = "surrogate",
+    method: str = DEFAULT_METHOD,
     robot_model: RobotModel | None = None,
     jobs: int | None = None,
     on_failure: OnFailure = "stop",

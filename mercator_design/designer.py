@@ -34,7 +34,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.race import Configuration, Experiment, Space, parse_space
-from mercator_design.race.methods.table import METHODS
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
@@ -109,7 +109,7 @@ class Designer(Task[tuple[Pfsm, int]]):
     }
 
     def __init__(
-        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = "surrogate"
+        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = DEFAULT_METHOD
     ) -> None:
         for table in (BEHAVIOURS, CONDITIONS):
             for module in numbered(table, flavour).values():

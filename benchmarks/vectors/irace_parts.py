@@ -269,7 +269,7 @@ def _frequencies(kind: str, domain: str, name: str, case: dict[str, Any]) -> Ite
     last = len(expected)
     log = domain.startswith("intlog")
     parameter = ordered("x", range(1, last + 1)) if domain == "ord" else integer("x", 1, last, log=log)
-    model = SamplingModel(Space([parameter]), RaceOptions(ordered_as_integers=False))
+    model = SamplingModel(Space([parameter]), RaceOptions())
     model.initialise({0: {"x": str(mean) if domain == "ord" else mean}})
     model.elites[0].spreads[0] = sd if log else sd / (last - 1)
     drawn = model.sample(EVENLY, [0], _Even(np.random.PCG64()), lambda _: False)

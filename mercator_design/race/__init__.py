@@ -1,10 +1,11 @@
-"""Iterated F-race: find good configurations of anything by racing them on more and more instances.
+"""Races: find good configurations of anything by running more and more experiments of those that look good.
 
 A racing library that does not depend on robots: `ask` gives experiments, `tell` takes their costs, and the race finds
-the configurations with the lowest mean cost. It follows irace (Lopez-Ibanez et al. 2016, The irace package, Operations
-Research Perspectives 3:43-58), but a surrogate proposes most configurations; `RaceOptions.irace()` is irace.
+the configurations with the lowest mean cost.
 
-    IteratedRace   the whole algorithm as ask and tell, with RaceOptions
+    Halving        the default method as ask and tell, with HalvingOptions: generations by successive halving
+    IteratedRace   iterated F-race, irace's method (Lopez-Ibanez et al. 2016, The irace package, Operations Research
+                   Perspectives 3:43-58), with RaceOptions
     Space          the parameters of the configurations; `parse_space` reads irace's parameters.txt
     Experiment     one configuration on one instance, both counted from 0
     Event          an event of a race that is run to its end: ExperimentDone, IterationEnded, ...
@@ -14,16 +15,16 @@ The rooms, from the bottom up:
     space/     parameters, their domains and conditions
     irace/     irace's files, and a race of any program that irace's scenario.txt describes
     racing/    one race: statistical tests, budget, options
-    methods/   the optimizers by name; IteratedRace is one
+    methods/   the optimizers by name
     running/   executors, journal and task: for races with folders and workers
     analysis/  importance of parameters, ablation
 
->>> from mercator_design.race import IteratedRace, parse_space
+>>> from mercator_design.race import Halving, parse_space
 >>> space = parse_space('''
 ... x    "--x "    r (-5, 5)
 ... rule "--rule " c (slow, fast)
 ... ''')
->>> race = IteratedRace(space, budget=500, seed=1)
+>>> race = Halving(space, budget=500, seed=1)
 >>> while batch := race.ask():
 ...     chosen = [race.configurations[experiment.configuration] for experiment in batch]
 ...     race.tell([(c["x"] - 1.5) ** 2 + (c["rule"] == "slow") for c in chosen])
@@ -33,6 +34,7 @@ The rooms, from the bottom up:
 """
 
 from mercator_design.race.irace.parameters import parse_space
+from mercator_design.race.methods.halving import Halving, HalvingOptions
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.race import EliminationRace, Experiment, RaceRules
@@ -48,6 +50,8 @@ __all__ = [
     "Event",
     "Experiment",
     "ExperimentDone",
+    "Halving",
+    "HalvingOptions",
     "IteratedRace",
     "IterationEnded",
     "IterationSummary",

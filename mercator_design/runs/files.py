@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from mercator_design import __version__
 from mercator_design.config.json_data import from_json
-from mercator_design.config.schema import Kind, OneOf, Range
+from mercator_design.config.schema import Kind, Range
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race import RaceOptions, Space
@@ -30,7 +30,7 @@ RESUMED_BY: Mapping[str, str] = {"mission": "mdesign race", "scenario": "mdesign
 _START: Mapping[str, Kind] = {
     "mercator_design": str,
     "name": str,
-    "method": Annotated[str, OneOf(tuple(METHODS))],
+    "method": str,
     "budget": Annotated[int, Range(1)],
     "seed": Annotated[int, Range(0)],
 }
@@ -62,7 +62,7 @@ def restored(path: Path) -> Task[Any]:
     here = task.start()
     recorded = start.get("options")
     if isinstance(recorded, Mapping):  # an option that did not exist yet was as irace's
-        usual = asdict(RaceOptions.irace())
+        usual = asdict(RaceOptions())
         start = {**start, "options": {name: usual[name] for name in here["options"] if name in usual} | dict(recorded)}
     for key in {**here, **start}:
         # Another version may give the same results.
@@ -189,3 +189,8 @@ def _check_start(start: Mapping[str, Any], label: str) -> None:
         )
     for key, kind in wanted.items():
         from_json(start[key], kind, error=RaceError, label=label, path=key)
+    if start["method"] not in METHODS:
+        raise OtherVersion(
+            f"{label}: method: expected {', '.join(METHODS)}, found {excerpt(start['method'])}, a method of another "
+            f"version: mercator_design {excerpt(str(start['mercator_design']))} can read it"
+        )

@@ -27,6 +27,7 @@ from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_note
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.executors import Executor, ProcessExecutor, ThreadExecutor, available_jobs
 from mercator_design.race.running.outcome import OnFailure
@@ -43,7 +44,7 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Maximum number of experiments; at least 30 for surrogate, 60 for irace, 20 for random, 40 for tpe and "
+    help="Maximum number of experiments; at least 20 for halving and random, 60 for irace, 40 for tpe and "
     "cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
@@ -51,7 +52,7 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
 @OUTPUT
 @RESUME
 @DESIGN_FLAVOUR
-@method_option("surrogate")
+@method_option(DEFAULT_METHOD)
 @click.option(
     "--executor",
     "executor_name",
@@ -110,7 +111,7 @@ def race(
     json_lines: bool,
     overrides: tuple[str, ...],
 ) -> None:
-    """Design control software for MISSION, by iterated F-race unless another method is chosen.
+    """Design control software for MISSION, by a race of many designs in simulation.
 
     MISSION is a YAML file or the name of a shipped mission (see `mdesign missions`). The winner is written to
     fsm.txt in the results' folder, a page on the race to report.html there, and a summary to stdout.

@@ -28,7 +28,6 @@ from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.scenario_text import Assignment
 from mercator_design.race.irace.tuner import Tuner
-from mercator_design.race.methods.table import RACES
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected, ThreadExecutor
@@ -136,7 +135,7 @@ def tune(
         given = _given(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
-        tuner = Tuner(read_scenario(scenario, given, base=RACES.get(method)), method)
+        tuner = Tuner(read_scenario(scenario, given), method)
         for note in tuner.optimizer.notes:
             print_note(f"Note: {note}")
         if check:

@@ -1,6 +1,6 @@
 """Importance analysis: which parameters explain the costs of the configurations of a race.
 
-The mean costs of configurations are corrected for the instances that they have seen. The race's surrogate
+The mean costs of configurations are corrected for the instances that they have seen. A surrogate
 (surrogate.py) learns them from four fifths of the configurations and predicts them for the others, for each fifth in
 turn. Then the values of one parameter are shuffled among those others in which it is active: the worse the predictions
 get, the more important is the parameter (Breiman 2001, Random forests, Machine Learning 45:5-32). Half of the squared

@@ -74,21 +74,18 @@ class Scenario:
     notes: tuple[str, ...]
 
 
-def read_scenario(
-    path: Path, given: Sequence[Assignment] = (), *, base: RaceOptions | None = None, name: str | None = None
-) -> Scenario:
+def read_scenario(path: Path, given: Sequence[Assignment] = (), *, name: str | None = None) -> Scenario:
     """Read a scenario.
 
     Args:
         path: The file.
         given: Assignments that replace those of the file.
-        base: The options of the race that the file does not set; by default irace's.
         name: The name of the scenario; by default that of the file or its folder.
 
     Raises:
         RaceError: with file and line, what was expected and what was found.
     """
-    return _ScenarioReader(path, given).scenario(base or RaceOptions.irace(), name)
+    return _ScenarioReader(path, given).scenario(name)
 
 
 class _ScenarioReader:
@@ -110,7 +107,7 @@ class _ScenarioReader:
             if option.ignored:
                 self.notes.append(f"{one.place}: {one.name} has no effect: {option.ignored}")
 
-    def scenario(self, base: RaceOptions, name: str | None) -> Scenario:
+    def scenario(self, name: str | None) -> Scenario:
         parameters = self.file("parameterFile")
         text = read_text(parameters, f"{self.place('parameterFile')}: parameterFile")
         space = parse_space(text, str(parameters))
@@ -124,7 +121,7 @@ class _ScenarioReader:
             raise RaceError(
                 f"{self.path}: expected instances: trainInstancesDir, trainInstancesFile or instances, found none"
             )
-        options = self.options(base, len(instances))
+        options = self.options(len(instances))
         if len(instances) % options.block_size:
             expected = f"the number of instances ({len(instances)}) to be a multiple of it"
             raise self.wrong("blockSize", expected, options.block_size)
@@ -200,9 +197,9 @@ class _ScenarioReader:
     def file(self, name: str) -> Path:
         return Path(str(self.value(name)))
 
-    def options(self, base: RaceOptions, n_instances: int) -> RaceOptions:
-        """The options of the race: those of the base, with the changes of the file."""
-        changes: dict[str, object] = {}
+    def options(self, n_instances: int) -> RaceOptions:
+        """The options of the race."""
+        usual, changes = RaceOptions(), dict[str, object]()
         for name in self.found:
             option, value = OPTIONS[name], self.value(name)
             if option.ours:
@@ -210,8 +207,8 @@ class _ScenarioReader:
         if self.value("deterministic"):
             changes["instances"] = n_instances
         if "eachTest" in self.found and "firstTest" not in self.found and (each := self.count("eachTest")):
-            changes["first_test"] = first = math.ceil(base.first_test / each) * each
-            if first != base.first_test:
+            changes["first_test"] = first = math.ceil(usual.first_test / each) * each
+            if first != usual.first_test:
                 self.notes.append(f"{self.place('eachTest')}: eachTest: firstTest is {first}, a multiple of it")
         if "testType" in self.found:
             test = str(self.value("testType")).lower()
@@ -219,7 +216,7 @@ class _ScenarioReader:
             if changes["test"] not in get_args(TestName):
                 raise self.wrong("testType", " or ".join(filter(None, TESTS)), excerpt(test))
         try:
-            return replace(base, **changes)  # type: ignore[arg-type]
+            return replace(usual, **changes)  # type: ignore[arg-type]
         except RaceError as error:
             message = in_names_of_irace(error)
             raise RaceError(f"{self.place(message.partition(':')[0])}: {message}") from None

@@ -18,7 +18,7 @@ from mercator_design.race.irace.scenario_options import in_names_of_irace, of_ra
 from mercator_design.race.irace.target_runner import Call
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
-from mercator_design.race.methods.table import METHODS, RACES, Method
+from mercator_design.race.methods.table import METHODS, Method
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.evaluation import results_of, test_of
 from mercator_design.race.running.events import ExperimentDone, TestDone
@@ -38,7 +38,7 @@ class Tuner(Task[Call]):
 
     Args:
         scenario: The scenario.
-        method: A name of `METHODS`; if it is in `RACES`, the scenario was read with its options as the base.
+        method: A name of `METHODS`.
 
     Raises:
         RaceError: if the budget is too small.
@@ -63,7 +63,7 @@ class Tuner(Task[Call]):
 
     def _race(self) -> Optimizer:
         scenario = self.scenario
-        is_race = self.method in RACES
+        is_race = self.method == "irace"
         make: Method = partial(IteratedRace, options=scenario.options) if is_race else METHODS[self.method]
         race = make(scenario.space, budget=scenario.budget, seed=scenario.seed, initial=scenario.initial)
         if not is_race:
@@ -72,8 +72,7 @@ class Tuner(Task[Call]):
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
-        base = RACES.get(start["method"])
-        return cls(read_scenario(folder / "scenario.txt", base=base, name=start["name"]), start["method"])
+        return cls(read_scenario(folder / "scenario.txt", name=start["name"]), start["method"])
 
     def start(self) -> dict[str, Any]:
         """The start has nothing of the target runner, so that it may be corrected and moved."""

@@ -36,7 +36,6 @@ def confirm(
     iteration: int,
     budget: int,
     n_seen: int,
-    block_size: int,
 ) -> Generator[list[Experiment], Sequence[float], tuple[IterationSummary, list[int]]]:
     """Spend the rest of a budget on the best of some configurations.
 
@@ -47,18 +46,17 @@ def confirm(
         order: Configurations, the best first.
         n_finalists: Number of configurations to compare, 2 or more.
         iteration: The number of the confirmation.
-        budget: Budget of the whole race; it must suffice for a block of instances for each finalist.
+        budget: Budget of the whole race; it must suffice for an instance for each finalist.
         n_seen: Number of instances seen.
-        block_size: Instances in a block.
 
     Raises:
         RaceError: All configurations of the race have been rejected.
     """
     n_alive, n_told, first = n_finalists, history.n_told, n_seen
-    while n_alive > 1 and (n_fitting := (budget - history.n_told) // block_size) > 1:
-        alive = order[: min(n_alive, n_fitting)]
-        n_blocks = max(n_fitting // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
-        new = range(n_seen, n_seen + n_blocks * block_size)
+    while n_alive > 1 and (left := budget - history.n_told) > 1:
+        alive = order[: min(n_alive, left)]
+        n_instances = max(left // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
+        new = range(n_seen, n_seen + n_instances)
         yield [Experiment(configuration, instance) for instance in new for configuration in alive]
         n_seen = new.stop
         order = by_expectation(history, alive) + order[len(alive) :]

@@ -1,21 +1,16 @@
 """Iterated F-race: race, learn where the survivors lie, sample around them, race again (irace.R, irace_run).
 
-The surrogate (surrogate.py) is fitted between the iterations and proposes part of the new configurations. Unlike in
-irace, the budget is never exceeded: an elimination race that would exceed it ends.
+Unlike in irace, the budget is never exceeded: an elimination race that would exceed it ends.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.confirmation import MAX_FINALISTS, by_expectation, confirm
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.sampling import similar, sobol_sample
-from mercator_design.race.racing.budget import MAX_CONFIGURATIONS
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates
@@ -24,23 +19,17 @@ from mercator_design.race.racing.summary import IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
-Parent = TypeVar("Parent", int, None)
-
-_FULL_SHARE_FROM = 3.0
-"""Configurations per parameter from which on the surrogate has its full share."""
-
 
 class IteratedRace(Optimizer):
     """An iterated race over a space.
 
     Args:
         space, budget, seed: As `Optimizer`.
-        options: [default: this program's algorithm]; `RaceOptions.irace()` is irace's algorithm.
+        options: irace's options; by default with irace's defaults.
         initial: The first configurations; the first iteration samples the others.
 
     Attributes:
-        parents: The elite that a configuration was sampled from, or the most similar elite if the surrogate proposed
-            it; None in the first iteration.
+        parents: The elite that a configuration was sampled from; None in the first iteration.
         elites: The survivors of the last race that has ended, best first.
 
     Raises:
@@ -67,8 +56,6 @@ class IteratedRace(Optimizer):
         self._initial = self._checked(initial)
         self._n_seen = 0  # instances
         self._model = SamplingModel(space, self.options)
-        self._proposer: Proposer | None = None
-        self._is_exhausted = False
         self._race: EliminationRace | None = None
 
     @property
@@ -93,8 +80,6 @@ class IteratedRace(Optimizer):
 
     @property
     def may_run_again(self) -> set[int]:
-        if self.options.confirms:
-            return set(self.history.former_elites)
         if self.options.elitist and self.options.postselection:
             return set(range(len(self.configurations)))
         return super().may_run_again
@@ -135,25 +120,17 @@ class IteratedRace(Optimizer):
             raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
         self._planner.n_iterations = self._iteration
-        if self.options.confirms:
-            yield from self._confirm()
-        elif self.options.elitist and self.options.postselection:
+        if self.options.elitist and self.options.postselection:
             yield from self._postselect()
 
     def _next(self) -> IterationPlan | str:
         """Plan the next iteration, or return why there is none."""
-        if self._is_exhausted:
-            return "no configuration was found that has not run"
         return self._planner.next(self._iteration + 1, left=self._left, n_elites=len(self.elites), n_seen=self._n_seen)
 
     def _first_race(self, budget: int, n: int) -> Batches:
         initial = self._initial[:n]
         if len(initial) < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first iteration")
-        if self.options.n_configurations is None:
-            room = min(budget // self.options.planned_mu, MAX_CONFIGURATIONS) - n
-            simple = self._simple(min(int(self.options.simple * n), room), initial)
-            initial, n = initial + simple, n + len(simple)
         present = {self.space.key(configuration) for configuration in initial}
         sampled: list[Configuration] = []
         if len(initial) < n:
@@ -163,20 +140,11 @@ class IteratedRace(Optimizer):
                 self._generator("sampling"),
                 lambda c: self.history.is_excluded(c) or self.space.key(c) in present,
             )
-        sampled = [child for child, _ in self._canonical([(configuration, None) for configuration in sampled])]
         self._limit_survivors(len(initial + sampled))
         numbers = self.history.add([(configuration, None) for configuration in initial + sampled])
         race = self._new_race(numbers, budget, elites=[])
         yield from self._run_race(race, budget, n_new=len(numbers))
         self._model.initialise(self.history.elite_configurations)
-
-    def _simple(self, n: int, others: Sequence[Configuration]) -> list[Configuration]:
-        """Up to n different simple configurations of the space's structure, if it has one."""
-        if self.space.structure is None or n <= 0:
-            return []
-        present = {self.space.key(configuration) for configuration in others}
-        found = {self.space.key(one): one for one in self.space.structure.simple(self._generator("simple"))}
-        return [one for key, one in found.items() if key not in present and not self.history.is_excluded(one)][:n]
 
     def _limit_survivors(self, n: int) -> None:
         """Reduce the number of survivors if it is not below the number of configurations, so that a race can begin."""
@@ -197,56 +165,14 @@ class IteratedRace(Optimizer):
             iterations=self._planner.age(self._planner.n_iterations),
         )
         generator = self._generator("sampling")
-        share_learnt = min(len(self.configurations) / (_FULL_SHARE_FROM * self.space.n_variable), 1.0)
-        n_drawn = n_new - round(self.options.surrogate * share_learnt * n_new)
-        children = self._model.sample(n_drawn, elites, generator, self.history.is_excluded)
+        children = self._model.sample(n_new, elites, generator, self.history.is_excluded)
         to_restart = self._too_narrow(children) if self.options.soft_restart else []
         if to_restart:
             self._model.restart(to_restart, n_new)
-            children = self._model.sample(n_drawn, elites, generator, self.history.is_excluded)
-        children = self._canonical(children)
-        if not self.options.repeated:
-            children = self._without_repeats(children)
-        if self.options.surrogate > 0:
-            children += self._proposed(n_new - len(children), elites, children)
-        if not children:
-            self._is_exhausted = True
-            self._iteration -= 1  # nothing has run in this one
-            return
+            children = self._model.sample(n_new, elites, generator, self.history.is_excluded)
         numbers = elites + self.history.add(children)
         race = self._new_race(numbers, budget, elites=elites)
         yield from self._run_race(race, budget, n_new=n_new, soft_restart=bool(to_restart))
-
-    def _canonical(self, children: Sequence[tuple[Configuration, Parent]]) -> list[tuple[Configuration, Parent]]:
-        """Children in canonical form, without duplicates, if the space has a structure that is used."""
-        structure = self.space.structure
-        if structure is None or not self.options.structure:
-            return list(children)
-        canonical = ((structure.canonical(child), parent) for child, parent in children)
-        return list({self.space.key(child): (child, parent) for child, parent in canonical}.values())
-
-    def _without_repeats(self, children: Sequence[tuple[Configuration, int]]) -> list[tuple[Configuration, int]]:
-        """Children that have not run, without duplicates."""
-        found: dict[tuple[Value | None, ...], tuple[Configuration, int]] = {}
-        for child in children:
-            found.setdefault(self.space.key(child[0]), child)
-        return [child for child in found.values() if self.history.number(child[0]) is None]
-
-    def _proposed(
-        self, n: int, elites: Sequence[int], others: Sequence[tuple[Configuration, int]]
-    ) -> list[tuple[Configuration, int]]:
-        present = {self.space.key(configuration) for configuration, _ in others}
-        if self._proposer is None:  # made late: finding BLAS and the features of a space takes time
-            self._proposer = Proposer(self.space, structure=self.options.structure)
-        return self._proposer.propose(
-            n,
-            elites,
-            self.history,
-            generator=self._generator("proposals"),
-            excluded=lambda c: (
-                self.history.number(c) is not None or self.space.key(c) in present or self.history.is_excluded(c)
-            ),
-        )
 
     def _too_narrow(self, children: Sequence[tuple[Configuration, int]]) -> list[int]:
         """The elites whose distributions have become so narrow that they give the same configurations again."""
@@ -272,7 +198,7 @@ class IteratedRace(Optimizer):
             rules=self.options.rules(),
             survivors=self._planner.survivors,
             planned_budget=budget,
-            max_experiments=self._left - self._planner.reserved,
+            max_experiments=self._left,
             max_instances=self.options.instances,
         )
 
@@ -310,26 +236,6 @@ class IteratedRace(Optimizer):
             max_instances=self.options.instances,
         )
         yield from self._run_race(race, remaining, postselection=True)
-
-    def _confirm(self) -> Batches:
-        """Compare the best few of all iterations on new instances, with the rest of the budget."""
-        order = by_expectation(self.history, self.history.former_elites)
-        size = self.options.block_size
-        n_finalists = min(len(order), MAX_FINALISTS, self._left // size)
-        if n_finalists < 2:
-            return
-        self._iteration += 1
-        summary, order = yield from confirm(
-            self.history,
-            order,
-            n_finalists,
-            iteration=self._iteration,
-            budget=self.budget,
-            n_seen=self._n_seen,
-            block_size=size,
-        )
-        self._n_seen += summary.n_instances
-        self._end_iteration(summary, order, newcomers=[])
 
     def _run_race(
         self,

@@ -5,10 +5,9 @@ numeric or ordered parameter, a normal distribution around its own value truncat
 categorical one a probability of each value. A new configuration takes one elite as parent and draws all its
 values from the parent's distributions. These narrow with each iteration; a soft restart widens them again.
 
-This differs from irace in two ways. An ordered parameter is drawn as the integer 1 .. K of its value: irace adds no
-half to the mean and none to the upper bound, so it prefers the lower neighbour and never draws the last value
-(`ordered_as_integers` False). The mean of a parameter whose bounds depend on others is kept relative to these bounds
-and scales with them; irace keeps the value, which may lie outside a child's bounds (`means_scale` False).
+As in irace, an ordered parameter is drawn with neither a half added to the mean nor to the upper bound, so the lower
+neighbour is preferred and the last value never drawn; and the mean of a parameter whose bounds depend on others is a
+value, which may lie outside a child's bounds.
 """
 
 from bisect import bisect_right
@@ -44,8 +43,8 @@ class EliteModel:
     """The distributions of one elite.
 
     weights: of the values of each categorical parameter, by name.
-    centres: means of the others in unit scale, shape (n_variable,); the value itself of a dependent parameter if means
-        do not scale. NaN means uniform: the elite and its ancestors never had a value.
+    centres: means of the others in unit scale, shape (n_variable,); the value itself of a dependent parameter.
+        NaN means uniform: the elite and its ancestors never had a value.
     spreads: standard deviations as a part of the domain's width, shape (n_variable,).
     """
 
@@ -67,8 +66,7 @@ class SamplingModel:
         self._space = space
         self._options = options or RaceOptions()
         self._columns = {p.name: column for column, p in enumerate(space.variable)}
-        ordered = [column for column, p in enumerate(space.variable) if p.kind == "ordered"]
-        self._skewed = [] if self._options.ordered_as_integers else ordered
+        self._skewed = [column for column, p in enumerate(space.variable) if p.kind == "ordered"]
 
     def initialise(self, elites: Mapping[int, Configuration]) -> None:
         """Begin with the elites of the first race."""
@@ -188,9 +186,7 @@ class SamplingModel:
                 if spread < _SAME_SPREAD:
                     return parameter.quantile(0.0, bounds)
                 spread /= high - low + (parameter.kind == "integer")
-                centre = float(model.centres[column])
-                if not self._options.means_scale:
-                    centre = parameter.position(centre, bounds)
+                centre = parameter.position(float(model.centres[column]), bounds)
                 place = truncated_normal_value(float(uniforms[column]), centre, spread)
             return parameter.quantile(place, bounds)
 
@@ -204,8 +200,7 @@ class SamplingModel:
                 continue
             bounds = parameter.bounds(configuration)
             if bounds is not None:
-                is_kept = parameter.is_dependent and not self._options.means_scale
-                centre = float(value) if is_kept else parameter.position(value, bounds)
+                centre = float(value) if parameter.is_dependent else parameter.position(value, bounds)
                 model.centres[self._columns[name]] = centre
 
     def _favour(self, weights: Floats, chosen: int, certainty: float) -> Floats:

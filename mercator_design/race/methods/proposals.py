@@ -22,10 +22,12 @@ from mercator_design.race.methods.surrogate import Features, Surrogate
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.encoding import Encoding, Floats
 from mercator_design.race.space.parameter import Configuration, Value
-from mercator_design.race.space.space import Space
+from mercator_design.race.space.space import Space, Structure
 
 MAX_LEARNT_FROM = 200
 """Maximum number of configurations to learn from: half are those with most results, half the newest."""
+_IN_STRUCTURE = 0.5
+"""Part of the mutations that are moves in the structure of the space, if it has one."""
 _MUTATED, _CROSSED, _UNIFORM = 100, 40, 60
 """Candidates before further moves."""
 _ROUNDS = 2
@@ -48,15 +50,16 @@ class Proposer:
 
     Args:
         space: The space of the configurations.
-        structure: Part of the mutations that use the space's structure, if it has one.
+        encoding: Of its configurations as rows.
+        structure: Makes a part of the mutations, if there is one.
     """
 
-    def __init__(self, space: Space, *, structure: float = 0.0) -> None:
+    def __init__(self, space: Space, encoding: Encoding, structure: Structure | None = None) -> None:
         self._space = space
-        self._structure = space.structure if structure else None
-        self._in_structure = structure if self._structure is not None else 0.0
-        self._encoding = Encoding(space)
-        self._features = Features(self._encoding)
+        self._structure = structure
+        self._in_structure = 0.0 if structure is None else _IN_STRUCTURE
+        self._encoding = encoding
+        self._features = Features(encoding)
         self._surrogate = Surrogate(self._features)
         self._known: dict[int, Floats] = {}  # rows of configurations that have run
         self._keys: set[bytes] = set()  # of these rows

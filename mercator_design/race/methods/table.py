@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, Protocol
 
+from mercator_design.race.methods.halving import Halving
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.search import Proposal, Sampler, Search, SearchOptions
-from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Parameter, Value
 from mercator_design.race.space.space import Space
 from mercator_design.seeds import generator
@@ -50,14 +50,14 @@ def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
     return partial(_learning, options=options, sampler=partial(OptunaSampler, name=name))
 
 
-RACES: Mapping[str, RaceOptions] = {"irace": RaceOptions.irace(), "surrogate": RaceOptions()}
-"""Iterated F-race with irace's options, and with this library's options and its surrogate."""
+DEFAULT_METHOD = "halving"
 METHODS: Mapping[str, Method] = {
-    **{name: partial(IteratedRace, options=options) for name, options in RACES.items()},
+    "halving": Halving,
+    "irace": IteratedRace,
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
 }
-"""Races; uniform random search; and searches with Optuna's tree-structured Parzen estimator and CMA-ES, with the rule
-of its Wilcoxon pruner.
+"""Generations by successive halving; iterated F-race; uniform random search; and searches with Optuna's tree-structured
+Parzen estimator and CMA-ES, with the rule of its Wilcoxon pruner.
 """

@@ -1,4 +1,4 @@
-"""The options of an iterated race, ours and irace's, and their valid ranges."""
+"""irace's options of an iterated race, and their valid ranges."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -11,16 +11,9 @@ from mercator_design.race.racing.statistics import TestName
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RaceOptions:
-    """irace's options with the same meaning, and options that irace does not have; `irace()` returns irace's.
+    """irace's options, with the same meaning and the same defaults.
 
     Args:
-        surrogate: Part of the newcomers that a surrogate proposes; less until it has learnt from enough
-            configurations. irace's sampling model draws the others.
-        structure: Largest part of the moves of the surrogate's candidates that are made in the space's structure, if it
-            has one. Unless this is 0, proposals, and draws of the sampling model, are in canonical form.
-        simple: Simple configurations of the space's structure, if it has one, in the first iteration: so many for each
-            that is planned, in addition to these, as far as its budget lets all run on mu instances.
-        repeated: Whether a configuration that has run may be sampled again, as another one.
         test: What eliminates configurations: "friedman", "t-test", "t-test-holm" or "t-test-bonferroni"
             (testType).
         confidence: Of the test.
@@ -44,28 +37,18 @@ class RaceOptions:
             of new instances is that of their numbers.
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
-        ordered_as_integers: Draw ordered parameters like integers. False: as irace, which never draws the last value.
-        means_scale: Keep the mean of a parameter with dependent bounds relative to these bounds. False: as irace, which
-            keeps its value.
         postselection: Spend the remaining budget on a race among the best of all iterations.
-        confirmation: Part of the budget that is reserved for the confirmation: the best of all iterations run on new
-            instances, and the winner has the lowest expected mean cost. It replaces the post-selection. There is no
-            confirmation if `instances` is given, or if the budget would be too small for an iteration besides.
 
     Raises:
         RaceError: An option is out of range.
     """
 
-    surrogate: float = 0.8
-    structure: float = 0.5
-    simple: float = 1.0
-    repeated: bool = False
     test: TestName = "friedman"
     confidence: float = 0.95
-    first_test: int = 2
+    first_test: int = 5
     each_test: int = 1
     block_size: int = 1
-    mu: int = 2
+    mu: int = 5
     elitist: bool = True
     elitist_new_instances: int = 1
     elitist_limit: int = 2
@@ -77,14 +60,9 @@ class RaceOptions:
     sample_instances: bool = True
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
-    ordered_as_integers: bool = True
-    means_scale: bool = True
     postselection: bool = True
-    confirmation: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("surrogate", "structure", "simple"):
-            self._require(name, "between 0 and 1", 0 <= getattr(self, name) <= 1)
         self._require("test", " or ".join(get_args(TestName)), self.test in get_args(TestName))
         self._require("confidence", "between 0 and 1", 0 < self.confidence < 1)
         for name in (
@@ -108,31 +86,10 @@ class RaceOptions:
         enough = self.instances is None or (self.instances >= first and self.instances % self.block_size == 0)
         self._require("instances", f"{first} or more, for the first test, and {whole_blocks}", enough)
         self._require("instances", "none if elitist is off", self.elitist or self.instances is None)
-        self._require("confirmation", "0 or more, below 1", 0 <= self.confirmation < 1)
 
     def _require(self, name: str, expected: str, is_valid: bool) -> None:
         if not is_valid:
             raise RaceError(f"race option {name}: expected {expected}, found {getattr(self, name)}")
-
-    @classmethod
-    def irace(cls) -> "RaceOptions":
-        """Exactly irace's algorithm."""
-        return cls(
-            surrogate=0.0,
-            structure=0.0,
-            simple=0.0,
-            repeated=True,
-            first_test=5,
-            mu=5,
-            ordered_as_integers=False,
-            means_scale=False,
-            confirmation=0.0,
-        )
-
-    @property
-    def confirms(self) -> bool:
-        """Whether the winner is confirmed; this needs new instances."""
-        return self.confirmation > 0 and self.instances is None
 
     @property
     def planned_mu(self) -> int:

@@ -29,7 +29,6 @@ class Planner:
     n_iterations: Expected number of iterations.
     survivors: How many configurations end a race.
     max_configurations: Maximum number of configurations in one race; None: no limit.
-    reserved: Experiments reserved for the confirmation of the winner.
     note: How the plan differs from irace's, if it does.
     """
 
@@ -84,21 +83,21 @@ class Planner:
 
         Args:
             number: Of the iteration.
-            left: The remaining budget, with what is reserved.
+            left: The remaining budget.
             n_elites: Number of elites.
             n_seen: Number of instances seen.
         """
-        options, remaining = self._options, left - self.reserved
-        if remaining <= 0:
+        options = self._options
+        if left <= 0:
             return "the whole budget is used"
         if number > self.n_iterations and options.iterations is not None:
             return f"all {self.n_iterations} iterations are done"
-        share = arithmetic.iteration_budget(remaining, number, max(number, self.n_iterations))
-        budget = min(options.experiments_per_iteration or share, remaining)
+        share = arithmetic.iteration_budget(left, number, max(number, self.n_iterations))
+        budget = min(options.experiments_per_iteration or share, left)
         n = self._n_configurations(budget, self.age(number), n_elites, n_seen)
         wanted = options.n_configurations
         if wanted is not None and n < wanted:
-            if budget == share < remaining:
+            if budget == share < left:
                 return self.next(number + 1, left=left, n_elites=n_elites, n_seen=n_seen)
             return f"the budget left is too small to race {wanted} configurations"
         n = n if wanted is None else wanted
@@ -115,9 +114,8 @@ class Planner:
         return IterationPlan(number, budget, n)
 
     def _plan(self, budget: int) -> int:
-        """The number of iterations for a budget; reserve a part for the confirmation if an iteration still fits."""
+        """The number of iterations for a budget."""
         options, n_variable = self._options, self._n_variable
-        self.reserved = 0
         wanted = options.iterations or arithmetic.n_iterations(n_variable)
         needed = {count: options.minimum_budget(n_variable, count) for count in range(wanted, 0, -1)}
         fitting = next((count for count, experiments in needed.items() if experiments <= budget), None)
@@ -135,8 +133,6 @@ class Planner:
                 f"{self.max_configurations} configurations in each{further}; "
                 f"{needed[wanted]} experiments would allow all {wanted}"
             )
-        if options.confirms:
-            self.reserved = min(int(options.confirmation * budget), budget - needed[1])
         return fitting
 
     def _n_configurations(self, budget: int, age: int, n_elites: int, n_seen: int) -> int:

@@ -1,8 +1,8 @@
 """Whether a race stagnates: whether it no longer finds better configurations.
 
 The best configuration of an iteration is compared with the best of an earlier one, on the instances that both have
-seen. The newer one was selected on these instances, so the comparison favours a gain. If there is still no significant
-gain for some iterations and for a large part of the budget, the race stagnates.
+seen, or on all if these are few. The newer one was selected on its instances, so the comparison favours a gain. If
+there is still no significant gain for some iterations and for a large part of the budget, the race stagnates.
 """
 
 import math
@@ -11,30 +11,51 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
+
+Floats = NDArray[np.float64]
 
 MIN_ITERATIONS = 3
 """Minimum number of iterations without a gain before a note is written."""
 MIN_SHARE = 0.4
 """Minimum share of the budget that these iterations have used: a race that improves has short pauses, too."""
 _ALPHA = 0.05
+_MIN_COMMON = 0.5
+"""Part of the instances of one of two configurations that a paired test needs."""
 
 
 def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
-    """Whether costs are significantly lower than earlier ones on their common instances (paired t-test, 5 %).
+    """Whether costs are significantly lower than earlier ones (5 %).
 
-    A configuration that has since been rejected (infinite cost) is worse than any other.
+    By a paired t-test on common instances; by Welch's test on all instances if few are common. A configuration
+    that has since been rejected (infinite cost) is worse than any other.
     """
     if any(map(math.isinf, earlier.values())):
         return True
     common = sorted(costs.keys() & earlier.keys())
+    if len(common) < _MIN_COMMON * min(len(costs), len(earlier)):
+        return _is_lower(np.array(list(costs.values())), np.array(list(earlier.values())))
     gains = np.array([earlier[instance] - costs[instance] for instance in common])
     n = len(gains)
     if n < 2:
         return False
     return bool(gains.mean() > scipy.special.stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
+
+
+def _is_lower(costs: Floats, earlier: Floats) -> bool:
+    """Welch's test of independent costs."""
+    if min(len(costs), len(earlier)) < 2:
+        return False
+    gain = float(earlier.mean() - costs.mean())
+    parts = [float(one.var(ddof=1)) / len(one) for one in (costs, earlier)]
+    variance = sum(parts)
+    if variance == 0:
+        return gain > 0
+    freedom = variance**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (costs, earlier), strict=True))
+    return bool(gain > scipy.special.stdtrit(freedom, 1 - _ALPHA) * math.sqrt(variance))
 
 
 def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | None:

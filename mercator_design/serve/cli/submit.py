@@ -12,6 +12,7 @@ from mercator_design.cli.races.common import method_option
 from mercator_design.command import print_message, print_result, warn
 from mercator_design.config.loading import text_of
 from mercator_design.errors import MissionError
+from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
 from mercator_design.serve.client.connection import Lost
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
@@ -24,7 +25,7 @@ _TRIES = 3
 @click.option("--budget", type=click.IntRange(1, MAX_BUDGET), required=True, help="Maximum number of experiments.")
 @SEED
 @DESIGN_FLAVOUR
-@method_option("surrogate")
+@method_option(DEFAULT_METHOD)
 @click.option(
     "--test-runs",
     type=click.IntRange(0, MAX_TESTS),

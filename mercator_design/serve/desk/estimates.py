@@ -13,7 +13,7 @@ from mercator_design.sim.simulate import Simulator
 _SECONDS = 2.0
 """Computing time of the timed experiments, if there are so many."""
 _FEWEST, _MOST = 3, 40
-_ASKED = {"surrogate": 4e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
+_ASKED = {"halving": 0.5e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
 _ASKED_USUALLY = 1e-3
 """[s] of computing time in which a method proposes an experiment and takes its cost, measured on two slow cores."""
 _REPORTED = 0.1

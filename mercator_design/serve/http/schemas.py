@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.race.methods.table import METHODS
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.index import ORDERS, Row
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_SEED, MAX_TESTS, Request, State
@@ -80,7 +80,7 @@ class JobRequest(MissionGiven):
     """A job to submit."""
 
     budget: Annotated[int, Field(ge=1, le=MAX_BUDGET, description="Experiments at most.")]
-    method: Method = "surrogate"
+    method: Method = DEFAULT_METHOD
     flavour: Flavour = "watermelon"
     seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 1
     test_runs: Annotated[int, Field(ge=0, le=MAX_TESTS, description="Fresh instances to test the winner on.")] = 0

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias, get_args
 
 from mercator_design.config.schema import Length, Name, OneOf, Range
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.race.methods.table import METHODS
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 
 State: TypeAlias = Literal["queued", "running", "paused", "succeeded", "failed", "cancelled"]
 STATES: tuple[State, ...] = get_args(State)
@@ -25,7 +25,7 @@ class Request:
     mission: str  # name of a shipped mission; empty: the text beside the job's file
     set: tuple[str, ...] = ()
     budget: Annotated[int, Range(1, MAX_BUDGET)]
-    method: Annotated[str, OneOf(tuple(METHODS))] = "surrogate"
+    method: Annotated[str, OneOf(tuple(METHODS))] = DEFAULT_METHOD
     flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"
     seed: Annotated[int, Range(0, MAX_SEED)] = 1
     test_runs: Annotated[int, Range(0, MAX_TESTS)] = 0

@@ -26,7 +26,7 @@ router = APIRouter(include_in_schema=False)
 _FIRST = "foraging"
 _BUDGETS = {"first look": 300, "usual": 2000, "thorough": 10_000}
 _WORDS = {
-    "surrogate": "surrogate (recommended)",
+    "halving": "halving (recommended)",
     "tpe": "tpe, of Optuna",
     "cma-es": "cma-es, of Optuna",
     "random": "random search",

@@ -1,0 +1,239 @@
+"""Generations by successive halving: many new configurations run once, the better half goes on, until a few are left.
+
+The noise of one experiment is large beside the differences between good designs, and instances explain little of it. So
+it pays to look at many configurations with a single experiment each, and to repeat only those that look good
+(Karnin et al. 2013, Almost optimal exploration in multi-armed bandits; Jamieson and Talwalkar 2016, Non-stochastic best
+arm identification). Configurations that have run on different instances are compared by their expected costs
+(additive_model.py).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+from mercator_design.errors import RaceError
+from mercator_design.race.methods.additive_model import table
+from mercator_design.race.methods.confirmation import MAX_FINALISTS, by_expectation, confirm
+from mercator_design.race.methods.newcomers import Child, Newcomers
+from mercator_design.race.methods.optimizer import Batches, Optimizer
+from mercator_design.race.racing.race import ALL_REJECTED, Experiment
+from mercator_design.race.racing.statistics import concordance
+from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.space.parameter import Value
+from mercator_design.race.space.space import Space
+
+MIN_BUDGET = 20
+_MAX_FIRST = 10_000
+_MAX_LATER = 1000
+"""Maximum numbers of newcomers in a generation, for any budget."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HalvingOptions:
+    """How a race by halving spends its budget.
+
+    Args:
+        first: Part of the budget for the first generation.
+        simple: Part of the first generation that are simple configurations of the space's structure, if it has one; a
+            Sobol sequence gives the others.
+        surrogate: Part of later newcomers that a surrogate proposes; the others are neighbours of elites.
+        structure: Whether newcomers are in canonical form, and neighbours are moves in the space's structure, if it has
+            one.
+        elites: Number of configurations that a generation ends with.
+        confirmation: Part of the budget that is reserved for the confirmation of the winner.
+
+    Raises:
+        RaceError: An option is out of range.
+    """
+
+    first: float = 0.4
+    simple: float = 0.7
+    surrogate: float = 0.5
+    structure: bool = True
+    elites: int = 5
+    confirmation: float = 0.15
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            is_valid = value >= 2 if one.name == "elites" else 0 <= value <= 1
+            if not is_valid:
+                expected = "2 or more" if one.name == "elites" else "0 to 1"
+                raise RaceError(f"race option {one.name}: expected {expected}, found {value}")
+        if self.first + self.confirmation > 1:
+            raise RaceError(
+                f"race option first: expected at most {1 - self.confirmation:g}, so that the confirmation has its "
+                f"part, found {self.first}"
+            )
+
+
+class Halving(Optimizer):
+    """A race by halving over a space.
+
+    In each generation, elites and newcomers run on one new instance after the other, and after each instance the worse
+    half is dropped. At the end, the best elites of all generations run on new instances to confirm the winner.
+
+    Args:
+        space, budget, seed: As `Optimizer`.
+        options: How the budget is spent.
+        initial: The first configurations.
+
+    Attributes:
+        parents: The elite that a configuration is a neighbour of, or the most similar elite if the surrogate proposed
+            it; None in the first generation.
+
+    Raises:
+        RaceError: As all methods; or the budget is below 20, or an initial configuration is not valid.
+    """
+
+    options: HalvingOptions
+
+    def __init__(
+        self,
+        space: Space,
+        *,
+        budget: int,
+        seed: int,
+        options: HalvingOptions | None = None,
+        initial: Sequence[Mapping[str, Value]] = (),
+    ) -> None:
+        super().__init__(space, budget=budget, seed=seed)
+        self.options = options or HalvingOptions()
+        if self.budget < MIN_BUDGET:
+            raise RaceError(f"budget: expected at least {MIN_BUDGET} experiments, found {budget}")
+        self._initial = self._checked(initial)
+        self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
+        self._alive: list[int] = []  # of the current generation, while it runs
+        self._n_kept = 0  # of the current generation
+        self._best: Elite | None = None  # of the current generation, after its first instance
+        self._n_seen = 0  # instances
+        self._n_iterations = 0
+
+    @property
+    def progress(self) -> Progress:
+        return Progress(
+            iteration=self._iteration,
+            iterations=self._n_iterations,
+            alive=len(self._alive) or len(self.elites),
+            used=self.used,
+            budget=self.budget,
+            best=self._best or (self.elites[0] if self.elites else None),
+        )
+
+    @property
+    def may_run_again(self) -> set[int]:
+        return set(self.history.former_elites)
+
+    def lookahead(self, n: int) -> list[Experiment]:
+        """On the next instance, those that would go on by their results before the current batch."""
+        ranked = by_expectation(self.history, self._alive)[: self._next_size(len(self._alive))]
+        return [Experiment(number, self._n_seen) for number in ranked[:n]]
+
+    def _run(self) -> Batches:
+        reserved = int(self.options.confirmation * (self.budget - self.used))
+        size = min(math.isqrt(self.budget), _MAX_LATER)
+        if not self.elites:
+            children = self._first_children()
+            left = self.budget - reserved - self._n_experiments(len(children))
+            self._n_iterations = 1 + max(left // self._n_experiments(self.options.elites + size), 0)
+            yield from self._generation([], self.history.add(children))
+        while n := self._n_affordable(size, left := self.budget - self.used - reserved):
+            elites = [elite.configuration for elite in self.elites]
+            self._iteration += 1
+            self._n_iterations = self._iteration + max(left // self._n_experiments(len(elites) + size) - 1, 0)
+            children = self._newcomers.later(n, elites, surrogate=self.options.surrogate, generator=self._generator)
+            if not children:
+                self._iteration -= 1  # nothing has run in this one
+                self.stop_reason = "no configuration was found that has not run"
+                break
+            yield from self._generation(elites, self.history.add(children))
+        else:
+            self.stop_reason = "the budget left is too small for another generation"
+        self._n_iterations = self._iteration
+        yield from self._confirm()
+
+    def _first_children(self) -> list[Child]:
+        n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
+        if n < len(self._initial):
+            self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
+        self._iteration = 1
+        children = self._newcomers.first(n, self._initial, simple=self.options.simple, generator=self._generator)
+        if len(children) < 2:
+            raise RaceError("space: expected several different configurations to be allowed, found one")
+        return children
+
+    def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:
+        """Run elites and newcomers on new instances; drop the worse half after each, until a few are left."""
+        first, before = self._n_seen, self.used
+        self._alive = [*elites, *newcomers]
+        n, self._n_kept = len(self._alive), self._n_kept_of(len(self._alive))
+        while len(self._alive) > self._n_kept:
+            self._n_seen += 1
+            yield [Experiment(number, self._n_seen - 1) for number in self._alive]
+            size = self._next_size(len(self._alive))
+            self._alive = by_expectation(self.history, self._alive)[:size]
+            if not self._alive:
+                self._alive = by_expectation(self.history, range(len(self.configurations)))[:size]
+            if not self._alive:
+                raise RaceError(ALL_REJECTED)
+            self._best = self.history.statistics(self._alive[0])
+        survivors, self._alive, self._best = self._alive, [], None
+        summary = IterationSummary(
+            iteration=self._iteration,
+            budget=self._n_experiments(n),
+            used=self.used - before,
+            n_configurations=n,
+            n_new=len(newcomers),
+            n_instances=self._n_seen - first,
+            n_alive=len(survivors),
+            stop_reason=f"{len(survivors)} are left",
+            survivors=tuple(survivors),
+            concordance=concordance(table([self.history.costs[number] for number in survivors])[:, first:].T),
+        )
+        # The others have no instance in common with these on which they were not selected.
+        self._end_iteration(summary, survivors, [k for k in newcomers if len(self.history.costs[k]) > 1])
+
+    def _confirm(self) -> Batches:
+        """Compare the best elites of all generations on new instances, with the rest of the budget."""
+        order = by_expectation(self.history, self.history.former_elites)
+        n_finalists = min(len(order), MAX_FINALISTS, self.budget - self.used)
+        if n_finalists < 2:
+            return
+        self._iteration += 1
+        summary, order = yield from confirm(
+            self.history,
+            order,
+            n_finalists,
+            iteration=self._iteration,
+            budget=self.budget,
+            n_seen=self._n_seen,
+        )
+        self._n_seen += summary.n_instances
+        self._end_iteration(summary, order, [])
+
+    def _end_iteration(self, summary: IterationSummary, order: Sequence[int], newcomers: Sequence[int]) -> None:
+        """Make the first configurations the elites, and keep the summary."""
+        history = self.history
+        history.elites = [history.statistics(number) for number in order[: self.options.elites]]
+        history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)
+
+    def _n_kept_of(self, n: int) -> int:
+        """How many configurations a generation ends with, if it begins with n."""
+        return min(self.options.elites, math.ceil(n / 2))
+
+    def _next_size(self, n: int, n_kept: int | None = None) -> int:
+        """How many of n configurations run on the next instance."""
+        return max(math.ceil(n / 2), self._n_kept if n_kept is None else n_kept)
+
+    def _n_experiments(self, n: int) -> int:
+        """The experiments of a generation that begins with n configurations."""
+        n_kept, total = self._n_kept_of(n), 0
+        while n > n_kept:
+            total += n
+            n = self._next_size(n, n_kept)
+        return total
+
+    def _n_affordable(self, size: int, left: int) -> int:
+        """The largest number of newcomers, up to a size, for a generation with a budget; 0 if it is too small."""
+        least = min(size, self.options.elites)
+        return next((n for n in range(size, least - 1, -1) if self._n_experiments(len(self.elites) + n) <= left), 0)

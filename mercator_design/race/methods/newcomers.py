@@ -1,0 +1,142 @@
+"""The configurations that enter a race by halving: simple and evenly spread ones first, then children of the elites."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from numpy.random import Generator
+
+from mercator_design.race.methods.moves import Moves
+from mercator_design.race.methods.proposals import Proposer
+from mercator_design.race.methods.sampling import sobol_sample
+from mercator_design.race.racing.history import Key, RaceHistory
+from mercator_design.race.space.encoding import Encoding
+from mercator_design.race.space.parameter import Configuration
+from mercator_design.race.space.space import Space
+
+Child = tuple[Configuration, int | None]
+"""A configuration and the number of its parent; None if it has none."""
+
+_MAX_TRIES = 20
+"""Rounds of neighbours that may give nothing new before the search for them ends."""
+
+
+class Newcomers:
+    """Makes configurations that have not run and may run, each once.
+
+    Args:
+        space: The space of the configurations.
+        history: The history of the race, which is only read.
+        structure: Whether to use the structure of the space, if it has one.
+    """
+
+    def __init__(self, space: Space, history: RaceHistory, *, structure: bool) -> None:
+        self._space = space
+        self._history = history
+        self._structure = space.structure if structure else None
+        self._encoding = Encoding(space)
+        self._proposer: Proposer | None = None
+
+    def first(
+        self, n: int, initial: Sequence[Configuration], *, simple: float, generator: Callable[[str], Generator]
+    ) -> list[Child]:
+        """Up to n configurations without parents: given ones, simple ones, and those of a Sobol sequence.
+
+        Args:
+            n: Maximum number.
+            initial: The given ones.
+            simple: Part of the others that are simple ones, if the space's structure knows any.
+            generator: Returns the generator of a purpose.
+
+        Raises:
+            RaceError: All configurations of the sequence are excluded.
+        """
+        found = _Different(self._space, self._is_possible)
+        found.add((one, None) for one in initial[:n])
+        found.add(self._simple(len(found.children) + round(simple * (n - len(found.children))), found, generator))
+        if (n_left := n - len(found.children)) > 0:
+            sampled = sobol_sample(
+                self._space, n_left, generator("sampling"), lambda one: not found.accepts(self._canonical(one))
+            )
+            found.add((self._canonical(one), None) for one in sampled)
+        return found.children
+
+    def later(
+        self, n: int, elites: Sequence[int], *, surrogate: float, generator: Callable[[str], Generator]
+    ) -> list[Child]:
+        """Up to n children of elites: neighbours, and others that a surrogate proposes.
+
+        Args:
+            n: Maximum number.
+            elites: Numbers of the elites, best first.
+            surrogate: Part of the children that the surrogate proposes.
+            generator: Returns the generator of a purpose.
+        """
+        found = _Different(self._space, self._is_possible)
+        n_proposed = round(surrogate * n)
+        if n_proposed:
+            if self._proposer is None:  # made late: finding BLAS and the features of a space takes time
+                self._proposer = Proposer(self._space, self._encoding, self._structure)
+            found.add(
+                self._proposer.propose(
+                    n_proposed,
+                    elites,
+                    self._history,
+                    generator=generator("proposals"),
+                    excluded=lambda one: not self._is_possible(one),
+                )
+            )
+        draws = generator("neighbours")
+        for _ in range(_MAX_TRIES):
+            if (n_left := n - len(found.children)) <= 0:
+                break
+            parents = draws.choice(elites, size=n_left).tolist()
+            found.add(zip(self._neighbours(parents, draws), parents, strict=True))
+        return found.children[:n]
+
+    def _is_possible(self, configuration: Configuration) -> bool:
+        """Whether a configuration may run and has not."""
+        return self._history.number(configuration) is None and not self._history.is_excluded(configuration)
+
+    def _canonical(self, configuration: Configuration) -> Configuration:
+        return configuration if self._structure is None else self._structure.canonical(configuration)
+
+    def _simple(self, n: int, found: "_Different", generator: Callable[[str], Generator]) -> Iterable[Child]:
+        """Simple configurations, until so many were found or a round gives nothing new."""
+        if self._structure is None:
+            return
+        draws, n_before = generator("simple"), -1
+        while n_before < len(found.children) < n:
+            n_before = len(found.children)
+            for one in self._structure.simple(draws):
+                if len(found.children) >= n:
+                    return
+                yield one, None
+
+    def _neighbours(self, parents: Sequence[int], draws: Generator) -> list[Configuration]:
+        """A configuration that differs from each parent by a move or a few."""
+        configurations = [self._history.configurations[number] for number in parents]
+        if self._structure is not None:
+            return [self._structure.neighbour(one, draws) for one in configurations]
+        rows = self._encoding.rows(configurations)
+        moved = self._encoding.settled(Moves(self._encoding, draws).mutated(rows, rows))
+        return [self._encoding.configuration(row) for row in moved]
+
+
+class _Different:
+    """Children with different configurations that are possible."""
+
+    def __init__(self, space: Space, is_possible: Callable[[Configuration], bool]) -> None:
+        self.children: list[Child] = []
+        self._key = space.key
+        self._keys: set[Key] = set()
+        self._is_possible = is_possible
+
+    def accepts(self, configuration: Configuration) -> bool:
+        """Whether a configuration is possible and not yet there."""
+        return self._key(configuration) not in self._keys and self._is_possible(configuration)
+
+    def add(self, children: Iterable[Child]) -> None:
+        """Add children that are accepted; a generator sees each before it gives the next."""
+        for child in children:
+            if self.accepts(child[0]):
+                self._keys.add(self._key(child[0]))
+                self.children.append(child)

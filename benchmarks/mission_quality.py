@@ -11,7 +11,8 @@ in the logarithm of the budget.
 
 Missions: four with Mercator as they are shipped; four of the literature and of this project, shorter or with fewer
 robots than shipped, as their names say; and six random ones: of each class of `mdesign missions sample` the first two
-seeds that give at most 6 robots, cut to 60 s, one for Watermelon and one for Chocolate.
+seeds that give at most 6 robots, cut to 60 s, one for Watermelon and one for Chocolate. --missions takes other shipped
+missions as well, as `mdesign race` designs for them.
 
 Results are kept in --cache, a line for each race; a run that was stopped goes on, and several processes may share the
 file. Methods: see race_results.py; METHOD@CODE is a method in an earlier version of the code, from the cache.
@@ -39,6 +40,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from benchmarks.race_results import Race, Row, results
 from benchmarks.two_samples import interval_of_share, mann_whitney, share_above, van_elteren
 from mercator_design import seeds
+from mercator_design.config import shipped
 from mercator_design.config.writing import dump
 from mercator_design.designer import mission_space
 from mercator_design.fsm.space.grammar import to_pfsm
@@ -98,11 +100,12 @@ MISSIONS: Mapping[str, Shipped | Sampled] = {
 
 
 class MissionProblem:
-    """A mission to race on."""
+    """A mission to race on, one of MISSIONS or a shipped one."""
 
     def __init__(self, name: str) -> None:
-        self._flavour = MISSIONS[name].flavour
-        self._simulator = Simulator(MISSIONS[name].load())
+        source = MISSIONS.get(name) or Shipped(name, "watermelon")
+        self._flavour = source.flavour
+        self._simulator = Simulator(source.load())
         self.space = mission_space(self._simulator, self._flavour)
         self._seed = 0
 
@@ -176,6 +179,10 @@ class Table:
         low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
         return f"{middle:.4g} ({low:.4g} to {high:.4g}) [{len(values)}]"
 
+    def middle(self, mission: str, method: str, budget: int) -> str:
+        values = self._signs[mission] * self.values(mission, method, budget)
+        return f"{np.median(values):.4g} [{len(values)}]" if len(values) else ""
+
     def gap(self, mission: str, method: str, budget: int) -> float:
         """From the median to the best winner known, as a part of the distance from random configurations."""
         best, width = self._scale[mission]
@@ -234,6 +241,8 @@ def report(table: Table, against: str) -> Iterator[str]:
             yield f"| {mission} | {' | '.join(cells)} |"
         yield ""
         yield from (verdict(table, method, against, budget) for method in others if comparisons[method])
+    if "default" in table.methods:
+        yield from bought(table, "default")
     without = [method for method in table.methods if method.startswith("no-")]
     if without and "default" in table.methods:
         yield from left_out(table, without)
@@ -274,6 +283,15 @@ def left_out(table: Table, methods: Sequence[str]) -> Iterator[str]:
         yield f"| {method.removeprefix('no-')} | {' | '.join(cells)} |"
 
 
+def bought(table: Table, method: str) -> Iterator[str]:
+    """The median score of a method's winners by mission and budget."""
+    yield f"\n## What a budget buys: the median of the scores of {method}'s winners [races]\n"
+    yield f"| mission | {' | '.join(f'{budget}' for budget in table.budgets)} |"
+    yield "|---" * (1 + len(table.budgets)) + "|"
+    for mission in table.missions:
+        yield f"| {mission} | {' | '.join(table.middle(mission, method, budget) for budget in table.budgets)} |"
+
+
 def budgets_to_reach(table: Table) -> Iterator[str]:
     last = table.budgets[-1]
     yield f"\n## The budget at which the default's median reaches irace's median at {last}\n"
@@ -297,7 +315,9 @@ def print_cost(names: Sequence[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--missions", nargs="+", choices=MISSIONS, default=list(MISSIONS), metavar="NAME")
+    parser.add_argument(
+        "--missions", nargs="+", choices=[*MISSIONS, *shipped.missions()], default=list(MISSIONS), metavar="NAME"
+    )
     parser.add_argument("--budgets", nargs="+", type=int, default=[500, 2000, 5000])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--methods", nargs="+", default=["default", "irace"])

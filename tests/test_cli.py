@@ -108,16 +108,17 @@ class TestRace:
         assert code == 0
         assert "Warning: watermelon: floor colour never fires: robot epuck sees only how bright the ground is\n" in err
 
-    def test_the_least_budget_is_one_iteration(self, mdesign, tmp_path):
-        _, out, _ = mdesign("race", "foraging", "--budget", 30, "-o", tmp_path / "r", *QUICK)
-        assert "30 of 30 experiments, 1 iteration," in out
-        assert len(table_lines(out)) == 1
+    def test_the_least_budget(self, mdesign, tmp_path):
+        _, out, _ = mdesign("race", "foraging", "--budget", 20, "-o", tmp_path / "r", *QUICK)
+        assert "20 of 20 experiments, 3 iterations," in out
+        assert len(table_lines(out)) == 4
         assert "-0" not in out
 
     def test_a_small_budget_works_and_says_what_was_lowered(self, mdesign, tmp_path):
-        code, out, _ = mdesign("race", "aggregation", "--budget", 200, "-o", tmp_path / "r", *QUICK)
+        given = ("--budget", 200, "--method", "irace", *QUICK)
+        code, out, _ = mdesign("race", "aggregation", *given, "-o", tmp_path / "r")
         assert code == 0
-        assert any("iterations" in line for line in out.splitlines() if line.startswith("Note"))
+        assert "Note       a budget of 200 is planned for 2 instead of 9 iterations" in out
 
     def test_too_small_a_budget_names_one_that_would_do(self, mdesign, tmp_path):
         code, _, err = mdesign("race", "aggregation", "--budget", 10, "-o", tmp_path / "r", *QUICK)

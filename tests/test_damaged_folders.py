@@ -207,7 +207,6 @@ class TestDamage:
             ("session", "host", 5, "session.host: expected text, found 5"),
             ("test", "seed", True, "test.seed: expected a whole number >= 0, found true"),
             ("start", "budget", "60", 'start.budget: expected a whole number >= 1, found "60"'),
-            ("start", "method", "guess", 'start: method: expected one of irace, .*, found "guess"'),
             ("start", "flavour", 3, "start: flavour: expected one of watermelon, chocolate, found 3"),
         ],
     )

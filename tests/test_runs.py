@@ -31,7 +31,13 @@ from mercator_design.fsm.text import to_text
 from mercator_design.missions import plugins
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.racing.summary import Elite, Progress
-from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone, IterationEnded, SessionStopped
+from mercator_design.race.running.events import (
+    ConfigurationAdded,
+    ExperimentDone,
+    IterationEnded,
+    RaceEnded,
+    SessionStopped,
+)
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
 from mercator_design.report.analysis import ablation_csv, ablation_page
@@ -149,7 +155,7 @@ class TestResume:
         assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
         assert digest(elsewhere / "moved") == digest(undisturbed)
 
-    @pytest.mark.parametrize("method", ["surrogate", "random", "tpe", "cma-es"])
+    @pytest.mark.parametrize("method", ["halving", "random", "tpe", "cma-es"])
     def test_whatever_its_method(self, mdesign, tmp_path, method):
         """Which is what the race began with."""
         folder = tmp_path / "r"
@@ -724,6 +730,42 @@ class TestRuns:
             code, _, err = mdesign("runs", *options)
             assert code == 1
             assert f"{old / JOURNAL}, line 1: start: expected the start of a race as mercator_design" in err
+
+    def test_a_race_of_a_method_that_is_gone(self, mdesign, folder, tmp_path):
+        """A finished one, as another version left it: both files say the method, and the digest is of it, too."""
+        old = shutil.copytree(folder, tmp_path / "old")
+        *events, end = events_in((old / JOURNAL).read_bytes())
+        events[0] |= {"method": "surrogate", "mercator_design": "0.1.0"}
+        (old / JOURNAL).write_bytes(journal_of(events))
+        ended = RaceEnded(**{key: end[key] for key in ("budget", "experiments", "winner")})
+        end["digest"] = read(old / JOURNAL).record.with_digest(ended).digest
+        (old / JOURNAL).write_bytes(journal_of([*events, end]))
+        provenance = json.loads((old / "provenance.json").read_text())
+        provenance["race"] |= {"method": "surrogate", "mercator_design": "0.1.0"}
+        (old / "provenance.json").write_text(json.dumps(provenance))
+        code, out, err = mdesign("runs", "list", tmp_path)
+        assert (code, err, out.count("of another version\n")) == (0, "", 1)
+        listed = json.loads(mdesign("runs", "list", tmp_path, "--json")[1])
+        assert [run["state"] for run in listed].count("of another version") == 1
+        before = {file: file.read_bytes() for file in old.iterdir()}
+        for command in (
+            ["race", "--resume", old],
+            ["race", "--resume", old, "--budget", 500],
+            ["runs", "show", old],
+            ["runs", "show", old, "--csv", "experiments"],
+            ["runs", "verify", old],
+            ["runs", "importance", old],
+            ["runs", "ablation", old],
+        ):
+            code, out, err = mdesign(*command)
+            assert (code, out) == (1, "")
+            assert err.startswith(f"Error: {old}/")
+            words = (
+                "method: expected halving, irace, random, tpe, cma-es, found surrogate, a method of another version: "
+                "mercator_design 0.1.0 can read it"
+            )
+            assert words in err
+        assert {file: file.read_bytes() for file in old.iterdir()} == before
 
     def test_without_a_verb_those_here_are_listed(self, mdesign, folder, tmp_path, monkeypatch):
         shutil.copytree(folder, tmp_path / "here" / "runs" / "r")

@@ -207,7 +207,7 @@ class TestTune:
         assert mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")[0] == 0
         assert abs(pd.read_csv(tmp_path / "r" / "results.csv").x[0] - 7) < 4
 
-    @pytest.mark.parametrize("method", ["surrogate", "random"])
+    @pytest.mark.parametrize("method", ["halving", "random"])
     def test_other_methods(self, mdesign, folder, tmp_path, method):
         (folder / "scenario.txt").write_text(f"{SCENARIO}configurationsFile = 'c.txt'\n")
         (folder / "c.txt").write_text("x rule y\n7 fast 0.5\n")

@@ -13,6 +13,8 @@ from mercator_design.race.running.journal import read
 from mercator_design.runs.files import JOURNAL
 
 QUICK = ("--set", "robots=2", "--set", "duration=2")
+SEED = 2
+"""Of a race whose winner has no transition that never fires: a warning would tell of it."""
 
 
 @pytest.fixture
@@ -20,7 +22,7 @@ def raced(mdesign, tmp_path):
     """The folder of a race on a mission of a user's own, mine.yaml beside it."""
     text = shipped.missions()["aggregation"].read_text()
     (tmp_path / "mine.yaml").write_text(text.replace("duration: 120", "duration: 2").replace("robots: 3", "robots: 2"))
-    assert mdesign("race", tmp_path / "mine.yaml", "--budget", 60, "-o", tmp_path / "r")[0] == 0
+    assert mdesign("race", tmp_path / "mine.yaml", "--budget", 60, "--seed", SEED, "-o", tmp_path / "r")[0] == 0
     return tmp_path / "r"
 
 
@@ -104,7 +106,7 @@ class TestMission:
 
     def test_one_that_was_edited_and_is_not_needed_is_told(self, mdesign, tmp_path):
         """A shipped mission is there without the copy in the folder."""
-        assert mdesign("race", "aggregation", *QUICK, "--budget", 60, "-o", tmp_path / "r")[0] == 0
+        assert mdesign("race", "aggregation", *QUICK, "--budget", 60, "--seed", SEED, "-o", tmp_path / "r")[0] == 0
         file, evaluate = tmp_path / "r" / "mission.yaml", ("evaluate", tmp_path / "r" / "fsm.txt", "-n", 2)
         found = mdesign(*evaluate)
         assert found[::2] == (0, "")

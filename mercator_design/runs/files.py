@@ -34,6 +34,16 @@ _START: Mapping[str, Kind] = {
     "budget": Annotated[int, Range(1)],
     "seed": Annotated[int, Range(0)],
 }
+_FORMER_OPTIONS: Mapping[str, float] = {
+    "surrogate": 0.0,
+    "structure": 0.0,
+    "simple": 0.0,
+    "repeated": True,
+    "ordered_as_integers": False,
+    "means_scale": False,
+    "confirmation": 0.0,
+}
+"""Options that irace's races had in other versions, with their values there."""
 
 
 class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
@@ -61,9 +71,11 @@ def restored(path: Path) -> Task[Any]:
     task, start = task_of(path), read_provenance(path).race
     here = task.start()
     recorded = start.get("options")
-    if isinstance(recorded, Mapping):  # an option that did not exist yet was as irace's
-        usual = asdict(RaceOptions())
-        start = {**start, "options": {name: usual[name] for name in here["options"] if name in usual} | dict(recorded)}
+    if isinstance(recorded, Mapping):  # an option that did not exist yet, or no longer does, was as irace's
+        usual = {name: value for name, value in asdict(RaceOptions()).items() if name in here["options"]}
+        former = {name: value for name, value in _FORMER_OPTIONS.items() if name not in here["options"]}
+        kept = {name: one for name, one in recorded.items() if name not in former or not is_same(one, former[name])}
+        start = {**start, "options": usual | kept}
     for key in {**here, **start}:
         # Another version may give the same results.
         if key != "mercator_design" and not is_same(here.get(key), start.get(key)):

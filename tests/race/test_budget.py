@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import pytest
 
 from mercator_design.errors import RaceError
@@ -10,7 +8,7 @@ from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import Planner
 
 NUMBERS = parse_space("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
-IRACE = RaceOptions.irace()
+IRACE = RaceOptions()
 
 
 @pytest.mark.parametrize(
@@ -36,7 +34,7 @@ def test_a_budget_for_no_iteration_is_refused_with_the_one_that_would_do():
 @pytest.mark.parametrize(("iterations", "goes_on"), [(None, True), (4, False)])
 def test_the_note_of_fewer_iterations_says_whether_more_may_follow(iterations, goes_on):
     """As irace does, a race goes on after the planned iterations unless the user says how many there are."""
-    options = replace(RaceOptions.irace(), iterations=iterations)
+    options = RaceOptions(iterations=iterations)
     race = IteratedRace(NUMBERS, budget=100, seed=1, options=options)
     (note,) = race.notes
     assert note.startswith(

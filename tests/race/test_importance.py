@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, Space, parse_space, real
+from mercator_design.race import IteratedRace, Space, parse_space, real
 from mercator_design.race.analysis.importance import Importance, explain
 from tests.race.spaces import uniform
 
@@ -105,7 +105,7 @@ def test_shares_are_lower_bounds():
 
 def test_of_a_race():
     """Whose configurations are far from random."""
-    race = IteratedRace(SPACE, budget=1000, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(SPACE, budget=1000, seed=1)
     rng = np.random.default_rng(1)
     while batch := race.ask():
         race.tell([cost(race.configurations[e.configuration]) + 0.3 * rng.normal() for e in batch])

@@ -3,7 +3,6 @@
 import doctest
 import math
 import random
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,13 +29,16 @@ from tests.race.spaces import machines_text
 
 
 def test_it_finds_nearly_the_optimum():
-    """Of random configurations half cost more than 9.6, and one in a hundred less than 1.7."""
+    """Of random configurations half cost more than 9.6, and one in a hundred less than 1.7.
+
+    irace's model never draws the last size, 10. With 5, the least cost is 0.69.
+    """
     race = IteratedRace(MIXED, budget=1500, seed=1)
     run(race)
     found = race.configurations[race.best.configuration]
     first = [mixed_cost(c) for c, parent in zip(race.configurations, race.parents, strict=True) if parent is None]
-    assert (found["rule"], found["size"]) == ("fast", "10")
-    assert mixed_cost(found) < 0.5
+    assert (found["rule"], found["size"]) == ("fast", "5")
+    assert mixed_cost(found) < 0.9
     assert mixed_cost(found) < min(first)
     assert race.stop_reason is not None
 
@@ -45,7 +47,7 @@ def test_it_finds_nearly_the_optimum():
 def test_it_improves_with_each_test(test):
     race = IteratedRace(MIXED, budget=600, seed=3, options=RaceOptions(test=test))
     run(race)
-    assert mixed_cost(race.configurations[race.best.configuration]) < 0.7
+    assert mixed_cost(race.configurations[race.best.configuration]) < 1.2
 
 
 @pytest.mark.parametrize(
@@ -60,7 +62,7 @@ def test_it_improves_with_each_test(test):
 )
 def test_new_instances_need_not_be_a_multiple_of_those_between_tests_and_one_may_be_enough(options):
     """As irace's own test of bug 10 has it, with eachTest = 5 and elitistNewInstances = 1."""
-    race = IteratedRace(MIXED, budget=900, seed=2, options=replace(RaceOptions.irace(), **options))
+    race = IteratedRace(MIXED, budget=900, seed=2, options=RaceOptions(**options))
     run(race)
     assert 800 < race.used <= 900
     assert len(race.iterations) > 1
@@ -72,7 +74,7 @@ def test_a_race_that_would_exceed_the_budget_ends():
     """A case in which irace's rules alone would make three experiments too many."""
     generator = random.Random(805)
     space = Space([real(f"x{k}", 0, 1) for k in range(5)])
-    options = RaceOptions(first_test=12, elitist_new_instances=5, confirmation=0, surrogate=0)
+    options = RaceOptions(first_test=12, elitist_new_instances=5)
     race = IteratedRace(space, budget=255, seed=805, options=options)
     while batch := race.ask():
         race.tell([generator.gauss(0, 1) + 3 * sum(race.configurations[e.configuration].values()) for e in batch])
@@ -176,7 +178,7 @@ def recorded(monkeypatch):
     monkeypatch.setattr(iterated, "EliminationRace", RecordedRace)
     monkeypatch.setattr(iterated, "SamplingModel", RecordedModel)
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2]), integer("n", 1, 9)])
-    race = IteratedRace(space, budget=311, seed=2, options=RaceOptions.irace())
+    race = IteratedRace(space, budget=311, seed=2)
     run(race, cost=lambda c: 0.3 * int(c["a"]) + 0.1 * c["n"])
     return race, races, updates, restarts
 
@@ -221,7 +223,7 @@ def test_a_soft_restart_widens_the_models_of_elites(recorded):
 
 
 def test_a_race_that_is_not_elitist_begins_afresh():
-    race = IteratedRace(MIXED, budget=1000, seed=4, options=RaceOptions(elitist=False, confirmation=0))
+    race = IteratedRace(MIXED, budget=1000, seed=4, options=RaceOptions(elitist=False))
     told = [experiment for experiment, _ in run(race)]
     first, second = race.iterations[0], race.iterations[1]
     batches = told[first.used : first.used + second.used]
@@ -232,8 +234,7 @@ def test_a_race_that_is_not_elitist_begins_afresh():
 
 def test_what_is_left_is_spent_on_a_postselection():
     with_it, without = (
-        IteratedRace(MIXED, budget=311, seed=1, options=RaceOptions(postselection=wanted, confirmation=0, surrogate=0))
-        for wanted in (True, False)
+        IteratedRace(MIXED, budget=311, seed=1, options=RaceOptions(postselection=wanted)) for wanted in (True, False)
     )
     run(with_it)
     run(without)
@@ -242,78 +243,13 @@ def test_what_is_left_is_spent_on_a_postselection():
     assert without.used < with_it.used <= 311
 
 
-def test_the_winner_is_confirmed_on_new_instances():
-    """Eight finalists, then four, then two, with a tenth of the budget and what the iterations leave."""
-    race = IteratedRace(MIXED, budget=1000, seed=3)
-    told = [experiment for experiment, _ in run(race)]
-    *before, final = race.iterations
-    used = sum(summary.used for summary in before)
-    assert final.postselection
-    assert 850 < used <= 900
-    assert 995 < race.used <= 1000
-    n_seen = 1 + max(experiment.instance for experiment in told[:used])
-    raced = [experiment.instance for experiment in told[used:]]
-    assert set(raced) == set(range(n_seen, n_seen + final.n_instances))
-    sizes = [raced.count(instance) for instance in dict.fromkeys(raced)]
-    assert list(dict.fromkeys(sizes)) == [8, 4, 2]
-    finalists = {experiment.configuration for experiment in told[used:]}
-    assert finalists <= {elite.configuration for summary in before for elite in summary.elites}
-    last = {experiment.configuration for experiment in told if experiment.instance == raced[-1]}
-    assert race.best.configuration in last
-    assert [final.n_alive, final.n_configurations] == [1, 8]
-
-
-def test_a_lucky_finalist_loses():
-    """Costs are what they seem in the races, and the opposite on later instances."""
-    kept = IteratedRace(MIXED, budget=1000, seed=3, options=RaceOptions(confirmation=0.2))
-    while kept.used < 800 and (batch := kept.ask()):
-        kept.tell([mixed_cost(kept.configurations[e.configuration]) + noise(0, e) for e in batch])
-    favourite = kept.best.configuration
-    while batch := kept.ask():
-        kept.tell([100.0 if e.configuration == favourite else 10.0 + noise(0, e) for e in batch])
-    assert kept.iterations[-1].postselection
-    assert kept.best.configuration != favourite
-
-
-@pytest.mark.parametrize("n_good", [0, 1, 3])
-def test_finalists_that_are_rejected_make_room_for_others(n_good):
-    """If all are, those that were no elites have their turn."""
-    race = IteratedRace(MIXED, budget=400, seed=3, options=RaceOptions(iterations=2, survivors=2, confirmation=0.4))
-    good = None
-    while batch := race.ask():
-        costs = [mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch]
-        if len(race.iterations) == 2:
-            finalists = sorted({e.configuration for e in batch})
-            good = finalists[:n_good] if good is None else good
-            costs = [cost if e.configuration in good else math.inf for e, cost in zip(batch, costs, strict=True)]
-        race.tell(costs)
-    assert good is not None
-    assert race.iterations[-1].postselection
-    assert race.used > 350 or n_good == 1  # which has nobody left to be compared with
-    assert race.elites
-    for elite in race.elites:
-        assert not any(map(math.isinf, race.costs(elite.configuration).values()))
-
-
-def test_a_finalist_that_is_rejected_does_not_win():
-    race = IteratedRace(MIXED, budget=1000, seed=3)
-    while race.used < 860 and (batch := race.ask()):
-        race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
-    bad = {elite.configuration for elite in race.elites[:3]}
-    while batch := race.ask():
-        race.tell([math.inf if e.configuration in bad else 10.0 + noise(0, e) for e in batch])
-    assert race.iterations[-1].postselection
-    assert bad
-    assert not bad & {elite.configuration for elite in race.elites}
-
-
 def test_a_narrow_model_is_restarted():
     """Two values cannot be told apart for long."""
     space = Space([categorical("a", [1, 2]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(space, budget=300, seed=1)
     run(race, cost=lambda c: 0.1 * int(c["a"]))
     assert any(s.soft_restart for s in race.iterations)
-    plain = IteratedRace(space, budget=300, seed=1, options=replace(RaceOptions.irace(), soft_restart=False))
+    plain = IteratedRace(space, budget=300, seed=1, options=RaceOptions(soft_restart=False))
     run(plain, cost=lambda c: 0.1 * int(c["a"]))
     assert not any(s.soft_restart for s in plain.iterations)
 
@@ -327,7 +263,7 @@ def test_a_space_of_two_configurations_is_raced():
 
 def test_equal_configurations_are_one_elite():
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(space, budget=300, seed=1)
     run(race, cost=lambda c: int(c["a"]))
     assert len({space.key(c) for c in race.configurations}) < len(race.configurations)
     for summary in race.iterations:
@@ -338,7 +274,7 @@ def test_equal_configurations_are_one_elite():
 def test_of_equal_configurations_the_better_ranked_one_stays():
     """A newcomer that equals the best elite has its costs, and comes after it."""
     space = Space([categorical("a", [1, 2, 3]), categorical("b", [1, 2])])
-    race = IteratedRace(space, budget=300, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(space, budget=300, seed=1)
     while batch := race.ask():
         configurations = [race.configurations[e.configuration] for e in batch]
         race.tell([int(c["a"]) + 0.5 * int(c["b"]) for c in configurations])
@@ -377,9 +313,7 @@ def test_a_rejected_configuration_is_never_sampled_again():
 
 
 def test_iterations_and_survivors_may_be_chosen():
-    race = IteratedRace(
-        MIXED, budget=600, seed=1, options=RaceOptions(iterations=3, survivors=2, confirmation=0, postselection=False)
-    )
+    race = IteratedRace(MIXED, budget=600, seed=1, options=RaceOptions(iterations=3, survivors=2, postselection=False))
     run(race)
     assert len(race.iterations) == 3
     assert race.stop_reason == "all 3 iterations are done"
@@ -414,7 +348,7 @@ def test_no_budget_is_exceeded(d, kind):
     assert started >= 6
 
 
-@pytest.mark.parametrize(("budget", "iterations"), [(30, 1), (100, 2), (1000, 8), (1080, 9)])
+@pytest.mark.parametrize(("budget", "iterations"), [(60, 1), (100, 1), (1000, 7), (1350, 9)])
 def test_a_budget_that_is_too_small_for_all_iterations_is_told(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
     race = IteratedRace(parse_space(machines_text()), budget=budget, seed=1)
@@ -422,7 +356,7 @@ def test_a_budget_that_is_too_small_for_all_iterations_is_told(budget, iteration
     assert len(race.notes) == (iterations < 9)
 
 
-@pytest.mark.parametrize("budget", [30, 100, 1000])
+@pytest.mark.parametrize("budget", [60, 100, 1000])
 def test_a_large_grammar_is_raced_with_a_small_budget(budget):
     space = parse_space(machines_text())
     race = IteratedRace(space, budget=budget, seed=1)
@@ -440,7 +374,7 @@ def test_the_example_of_the_package_runs():
 
 
 def test_each_iteration_races_as_many_configurations_as_is_asked():
-    options = RaceOptions(n_configurations=9, confirmation=0, postselection=False)
+    options = RaceOptions(n_configurations=9, postselection=False)
     race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
     run(race)
     assert {summary.n_configurations for summary in race.iterations} == {9}
@@ -451,7 +385,7 @@ def test_each_iteration_races_as_many_configurations_as_is_asked():
 
 def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
     """A quarter of 1000 experiments is too little for 60 configurations, a larger share of them is not."""
-    options = replace(RaceOptions.irace(), n_configurations=60, postselection=False)
+    options = RaceOptions(n_configurations=60, postselection=False)
     race = IteratedRace(MIXED, budget=1000, seed=3, options=options)
     run(race)
     assert race.iterations[0].iteration > 1
@@ -460,7 +394,7 @@ def test_an_iteration_too_small_for_the_configurations_asked_for_is_left_out():
 
 
 def test_iterations_have_the_budget_asked_for():
-    options = RaceOptions(experiments_per_iteration=150, confirmation=0, postselection=False)
+    options = RaceOptions(experiments_per_iteration=150, postselection=False)
     race = IteratedRace(MIXED, budget=500, seed=3, options=options)
     run(race)
     used = [summary.used for summary in race.iterations]
@@ -470,7 +404,7 @@ def test_iterations_have_the_budget_asked_for():
 
 
 def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
-    options = replace(RaceOptions.irace(), block_size=3, first_test=2, mu=6, postselection=False)
+    options = RaceOptions(block_size=3, first_test=2, mu=6, postselection=False)
     race = IteratedRace(MIXED, budget=1500, seed=4, options=options)
     told = run(race)
     seen, later = 0, 0
@@ -490,10 +424,9 @@ def test_blocks_of_instances_are_raced_on_together_and_in_their_order():
     assert len(race.iterations) > 2
 
 
-@pytest.mark.parametrize("options", [RaceOptions(), RaceOptions.irace()])
-def test_instances_that_come_to_an_end(options):
+def test_instances_that_come_to_an_end():
     """Nothing runs on others, or on one twice; and with all of them seen, newcomers still race."""
-    race = IteratedRace(MIXED, budget=700, seed=2, options=replace(options, instances=8))
+    race = IteratedRace(MIXED, budget=700, seed=2, options=RaceOptions(instances=8))
     told = run(race)
     assert {e.instance for e, _ in told} == set(range(8))
     assert len({e for e, _ in told}) == len(told)
@@ -508,14 +441,14 @@ def test_instances_that_come_to_an_end(options):
 
 def test_few_instances_for_many_experiments():
     """Down to as many as the first test needs, and with blocks."""
-    for options in (RaceOptions(instances=2), RaceOptions(instances=6, block_size=3, mu=6)):
+    for options in (RaceOptions(first_test=2, instances=2), RaceOptions(first_test=2, instances=6, block_size=3, mu=6)):
         race = IteratedRace(MIXED, budget=500, seed=3, options=options)
         told = run(race)
         assert {e.instance for e, _ in told} == set(range(options.instances))
 
 
 def test_old_instances_in_their_own_order():
-    options = RaceOptions(sample_instances=False, confirmation=0, postselection=False, surrogate=0)
+    options = RaceOptions(sample_instances=False, postselection=False)
     race = IteratedRace(MIXED, budget=600, seed=1, options=options)
     told = run(race)
     for summary in race.iterations:
@@ -529,4 +462,4 @@ def test_old_instances_in_their_own_order():
 def test_minimum_budgets_are_irace_s():
     """As its checkMinimumBudget says."""
     expected = {1: 42, 2: 96, 3: 96, 5: 180, 7: 180, 11: 300, 20: 504, 45: 728, 100: 1008, 133: 1350}
-    assert {d: RaceOptions.irace().minimum_budget(d) for d in expected} == expected
+    assert {d: RaceOptions().minimum_budget(d) for d in expected} == expected

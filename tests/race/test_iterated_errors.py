@@ -84,7 +84,6 @@ def test_a_space_without_choice_is_refused():
     ("options", "message"),
     [
         ({"test": "F-test"}, "race option test: expected friedman or t-test .* found F-test"),
-        ({"surrogate": 1.5}, "surrogate: expected between 0 and 1, found 1.5"),
         ({"confidence": 1.0}, "confidence: expected between 0 and 1, found 1.0"),
         ({"confidence": math.nan}, "confidence"),
         ({"first_test": 0}, "first_test: expected 1 or more and a multiple of each_test"),
@@ -102,7 +101,7 @@ def test_a_space_without_choice_is_refused():
         ({"block_size": 0}, "block_size: expected 1 or more"),
         ({"n_configurations": 0}, "n_configurations: expected 1 or more"),
         ({"experiments_per_iteration": 0}, "experiments_per_iteration: expected 1 or more"),
-        ({"instances": 1}, "instances: expected 2 or more, for the first test, .* found 1"),
+        ({"instances": 4}, "instances: expected 5 or more, for the first test, .* found 4"),
         ({"instances": 14, "block_size": 3, "mu": 6}, "a multiple of block_size .3., found 14"),
         ({"instances": 10, "elitist": False}, "instances: expected none if elitist is off, found 10"),
         ({"soft_restart_threshold": -1.0}, "soft_restart_threshold: expected 0 or more"),
@@ -114,8 +113,8 @@ def test_an_option_out_of_range_is_refused(options, message):
 
 
 def test_a_budget_below_one_iteration_is_refused():
-    with pytest.raises(RaceError, match=r"expected at least 30 experiments .* found 29"):
-        IteratedRace(parse_space(machines_text()), budget=29, seed=1)
+    with pytest.raises(RaceError, match=r"expected at least 60 experiments .* found 59"):
+        IteratedRace(parse_space(machines_text()), budget=59, seed=1)
 
 
 def test_fewer_configurations_than_survive_are_refused():

@@ -15,7 +15,7 @@ import pytest
 
 from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions
+from mercator_design.race import IteratedRace
 from mercator_design.race.running import evaluation, journal
 from mercator_design.race.running.events import (
     BudgetExtended,
@@ -523,7 +523,7 @@ class TestAhead:
         assert len(ran) - RAN == len(record.speculative.keys() - {*places(record)}) < 0.25 * RAN
 
     def test_lookahead_predicts_what_is_asked_if_nothing_is_eliminated(self):
-        race = IteratedRace(SPACE, budget=600, seed=1, options=RaceOptions(confirmation=0))
+        race = IteratedRace(SPACE, budget=600, seed=1)
         assert race.lookahead(3) == []
         predicted = []
         for _ in range(3):  # before the first test

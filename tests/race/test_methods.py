@@ -113,7 +113,7 @@ class TestConformance:
             hits += len(predicted & {*batch})
             predicted |= {*likely}
             race.tell([mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch])
-        assert hits > 0.3 * race.used
+        assert hits > 0.2 * race.used
         assert race.lookahead(20) == []
 
     @pytest.mark.together
@@ -185,7 +185,7 @@ class TestConformance:
         race = race_of(method)
         with pytest.raises(RaceError, match="all were rejected"):
             reject_all(race)
-        assert race.used < 60
+        assert race.used <= 60
 
     def test_forbidden_configurations_do_not_run(self, method):
         space = Space([real("x", 0, 1), integer("n", 1, 9)], forbidden=["n > 3 & x < 0.5"])

@@ -29,7 +29,7 @@ def url(tmp_path):
     sqlalchemy.event.remove(sqlalchemy.Engine, "connect", hasten)
 
 
-def mirrored(url, record=None, *, budget=90, seed=1, method="surrogate", race=None, **options):
+def mirrored(url, record=None, *, budget=90, seed=1, method="irace", race=None, **options):
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
     race = race or METHODS[method](SPACE, budget=budget, seed=seed)

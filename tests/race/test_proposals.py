@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, integer, real
+from mercator_design.race import Halving, IteratedRace, Space, categorical, integer, real
 from mercator_design.race.methods.additive_model import effects
 from mercator_design.race.methods.proposals import MAX_LEARNT_FROM, Proposer
 from mercator_design.race.racing.history import RaceHistory
+from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import uniform
 
@@ -31,7 +32,7 @@ def test_the_variance_of_a_cost_is_estimated():
 
 
 def proposed(n, configurations, costs, *, excluded=lambda _: False, space=MIXED):
-    return Proposer(space).propose(
+    return Proposer(space, Encoding(space)).propose(
         n,
         [0, 1],
         RaceHistory(space, configurations=configurations, costs=costs),
@@ -80,7 +81,7 @@ def test_equal_costs_and_more_configurations_than_are_learnt_from():
 
 def test_nothing_runs_twice_as_another_configuration():
     space = Space([categorical("a", range(4)), integer("n", 1, 6)])
-    race = IteratedRace(space, budget=400, seed=1)
+    race = Halving(space, budget=400, seed=1)
     run(race, cost=lambda c: int(c["a"]) + abs(c["n"] - 4) / 3)
     keys = [space.key(c) for c in race.configurations]
     assert len(keys) == len(set(keys))
@@ -89,7 +90,7 @@ def test_nothing_runs_twice_as_another_configuration():
 
 def test_a_race_ends_when_all_configurations_have_run():
     space = Space([categorical("a", range(3)), categorical("b", range(3))])
-    race = IteratedRace(space, budget=400, seed=1)
+    race = Halving(space, budget=400, seed=1)
     run(race, cost=lambda c: int(c["a"]) + int(c["b"]))
     assert len(race.configurations) <= 9
     assert race.stop_reason == "no configuration was found that has not run"
@@ -105,8 +106,8 @@ def test_the_surrogate_finds_better_configurations():
 
     for seed in range(3):
         found = []
-        for options in (RaceOptions(), RaceOptions.irace()):
-            race = IteratedRace(space, budget=600, seed=seed, options=options)
+        for method in (Halving, IteratedRace):
+            race = method(space, budget=600, seed=seed)
             while batch := race.ask():
                 race.tell([cost(race.configurations[e.configuration]) + 0.3 * noise(seed, e) for e in batch])
             found.append(cost(race.configurations[race.best.configuration]))
@@ -115,4 +116,4 @@ def test_the_surrogate_finds_better_configurations():
 
 def test_irace_has_no_proposals(monkeypatch):
     monkeypatch.setattr(Proposer, "propose", None)
-    run(IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions.irace()))
+    run(IteratedRace(MIXED, budget=400, seed=1))

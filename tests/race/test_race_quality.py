@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import race_quality, race_results
 from benchmarks.race_results import options_of, result_file
-from mercator_design.race import RaceOptions
+from mercator_design.race import HalvingOptions
 from tests.race.spaces import uniform
 
 PARAMETERS = [
@@ -46,9 +46,9 @@ def test_a_problem_s_parameters_become_a_space():
 
 
 def test_methods_are_options():
-    assert options_of("default") == RaceOptions()
-    assert options_of("no-surrogate") == RaceOptions(surrogate=0)
-    with pytest.raises(SystemExit, match="expected default, no-NAME of an option or irace, surrogate"):
+    assert options_of("default") == HalvingOptions()
+    assert options_of("no-surrogate") == HalvingOptions(surrogate=0)
+    with pytest.raises(SystemExit, match="expected default, no-NAME of an option or halving, irace"):
         options_of("no-such")
 
 

@@ -32,16 +32,16 @@ def folder(tmp_path):
 def scenario(folder):
     """Reads a scenario with these lines, and with all that is needed beside them."""
 
-    def read(text, *given, needed='maxExperiments = 500\ninstances = c("i", "j")\n', **options):
+    def read(text, *given, needed='maxExperiments = 500\ninstances = c("i", "j")\n'):
         (folder / "scenario.txt").write_text(needed + text)
-        return read_scenario(folder / "scenario.txt", given, **options)
+        return read_scenario(folder / "scenario.txt", given)
 
     return read
 
 
 def test_what_is_not_set_is_irace_s(scenario, folder):
     one = scenario("")
-    assert one.options == RaceOptions.irace()
+    assert one.options == RaceOptions()
     assert (one.budget, one.seed, one.jobs) == (500, 1, 1)
     assert (one.name, one.instances, one.test_instances) == (folder.name, ("i", "j"), ())
     assert (one.target.runner, one.target.folder) == (folder / "target-runner", folder)
@@ -84,7 +84,6 @@ def test_the_first_test_follows_on_those_after_it(scenario, folder):
     assert scenario("eachTest = 2").notes == (
         f"{folder / 'scenario.txt'}:3: eachTest: firstTest is 6, a multiple of it",
     )
-    assert scenario("eachTest = 5", base=RaceOptions()).options.first_test == 5
 
 
 def test_a_launcher_is_found_as_a_shell_finds_it(scenario, folder, monkeypatch):
@@ -108,9 +107,8 @@ def test_what_irace_refuses_of_parameters_is_told(scenario, folder):
     assert scenario("").notes == (f"{folder / 'parameters.txt'}:1, column 11: irace expects a blank after the type",)
 
 
-def test_only_what_is_set_differs_from_another_base(scenario):
-    options = scenario("mu = 7", base=RaceOptions()).options
-    assert (options.surrogate, options.first_test, options.mu) == (0.8, 2, 7)
+def test_only_what_is_set_differs(scenario):
+    assert scenario("mu = 7").options == RaceOptions(mu=7)
 
 
 def test_how_the_target_is_run(scenario, folder):
@@ -182,7 +180,7 @@ def test_what_cannot_be_obeyed_is_refused_unless_it_is_the_default(scenario, fol
     assert OPTIONS[name].refused in str(error.value)
     default = OPTIONS[name].default
     text = {None: "NA", True: "1", False: "0"}.get(default, f'"{default}"')
-    assert scenario(f"{name} = {text}").options == RaceOptions.irace()
+    assert scenario(f"{name} = {text}").options == RaceOptions()
 
 
 @pytest.mark.parametrize("name", [name for name, option in OPTIONS.items() if option.ignored])

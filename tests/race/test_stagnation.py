@@ -4,9 +4,11 @@ import math
 import random
 import re
 
+import numpy as np
 import pytest
+from scipy.stats import ttest_ind
 
-from mercator_design.race import IteratedRace, RaceOptions, parse_space
+from mercator_design.race import Halving, IteratedRace, parse_space
 from mercator_design.race.racing.stagnation import MIN_ITERATIONS, agreement, is_better, judged
 from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
@@ -24,54 +26,61 @@ def distance(configuration):
     return (x - 1) ** 2 + (y + 1) ** 2 + (z - 2) ** 2 + (rule != "b")
 
 
-def notes(cost, options, seed, space=SPACE, of=distance):
+def notes(cost, method, seed, space=SPACE, of=distance):
     """Of the iterations of a race; a cost is of the distance from the optimum and a standard normal draw."""
-    race = IteratedRace(space, budget=1000, seed=seed, options=options)
+    race = method(space, budget=1000, seed=seed)
     rng = random.Random(seed)
     while batch := race.ask():
         race.tell([cost(of(race.configurations[e.configuration]), rng.gauss(0, 1)) for e in batch])
     return [(one.iteration, one.note) for one in race.iterations if one.note]
 
 
-@pytest.mark.parametrize("options", [RaceOptions(), RaceOptions.irace()])
+LATEST = {Halving: 8, IteratedRace: 2 + MIN_ITERATIONS}
+"""The iteration in which a race without a gain says so at the latest: generations after the first are small."""
+
+
+@pytest.mark.parametrize("method", LATEST)
 class TestRaces:
     """Of fixed seeds: nothing is left to luck."""
 
-    def test_most_that_improve_say_nothing(self, options):
+    def test_most_that_improve_say_nothing(self, method):
         """Of ten parameters, there is more to improve than the budget is enough for."""
         space = parse_space("\n".join(f'x{k} "" r (-5, 5)' for k in range(10)))
 
         def far(configuration):
             return sum((x - 1) ** 2 for x in configuration.values())
 
-        found = [notes(lambda d, noise: d + 0.1 * d * noise, options, seed, space, far) for seed in range(5)]
+        found = [notes(lambda d, noise: d + 0.1 * d * noise, method, seed, space, far) for seed in range(5)]
         assert sum(map(bool, found)) <= 1
         assert all("first iteration" not in note for few in found for _, note in few)
 
     @pytest.mark.parametrize("seed", range(4))
-    def test_one_that_has_reached_the_best_there_is(self, options, seed):
-        [(iteration, note)] = notes(lambda d, _: float(d > 8), options, seed)
-        assert iteration <= 2 + MIN_ITERATIONS
-        assert re.match(r"no gain in [34] iterations, since iteration 1: \d+ is still the best", note)
+    def test_one_that_has_reached_the_best_there_is(self, method, seed):
+        [(iteration, note)] = notes(lambda d, _: float(d > 8), method, seed)
+        assert iteration <= LATEST[method]
+        assert re.match(r"no gain in [3-7] iterations, since iteration 1: \d+ is still the best", note)
 
-    def test_most_that_see_noise_only_say_so(self, options):
-        found = [dict(notes(lambda _, noise: noise, options, seed)) for seed in range(8)]
+    def test_most_that_see_noise_only_say_so(self, method):
+        """Halving tests no newcomers: those that ran twice were selected by their first result."""
+        found = [dict(notes(lambda _, noise: noise, method, seed)) for seed in range(8)]
         first = "no significant difference between the configurations of the first iteration (Kendall's W "
-        assert sum(few.get(1, "").startswith(first) for few in found) >= 6
+        n_first = sum(few.get(1, "").startswith(first) for few in found)
+        assert n_first >= 6 if method is IteratedRace else n_first == 0
         later = [note for few in found for iteration, note in few.items() if iteration > 1]
         assert len(later) >= 6
-        assert any("; no significant difference between new configurations in " in note for note in later)
+        alike = ["; no significant difference between new configurations in " in note for note in later]
+        assert any(alike) == (method is IteratedRace)
 
-    def test_one_that_sees_nothing(self, options):
-        found = dict(notes(lambda *_: 1.0, options, 1))
+    def test_one_that_sees_nothing(self, method):
+        found = dict(notes(lambda *_: 1.0, method, 1))
         assert found[1] == "all configurations of the first iteration cost the same: the race cannot learn from them"
-        assert 4 in found
+        assert 4 <= max(found) <= LATEST[method]
 
 
 def test_note_counts_soft_restarts():
     """A space so small that newcomers repeat what there was."""
     small = parse_space('a "" c (a, b, c, d)\nb "" c (a, b, c, d)')
-    race = IteratedRace(small, budget=600, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(small, budget=600, seed=1)
     rng = random.Random(1)
     while batch := race.ask():
         race.tell([(race.configurations[e.configuration]["a"] != "a") + 0.1 * rng.gauss(0, 1) for e in batch])
@@ -91,15 +100,46 @@ class TestGain:
         assert is_better({0: 1.0, 1: 2.0}, {0: math.inf, 1: 2.5})
         assert is_better({0: 9.0}, {0: 1.0, 7: math.inf})
 
-    def test_how_often_there_is_one_by_chance(self):
+    def test_on_all_instances_if_few_are_common(self):
+        """By Welch's test, whatever the instances are called."""
+        costs = {9: 1.0, 8: 2.0, 7: 1.5}
+        assert is_better(costs, {0: 4.0, 1: 5.0, 2: 4.5})
+        assert is_better(costs, {0: 4.0, 1: 5.0, 7: 4.5})  # a third is common
+        assert not is_better(costs, {0: 1.0, 1: 2.0, 2: 1.5})
+        assert not is_better({0: 4.0, 1: 5.0, 2: 4.5}, costs)
+        assert is_better({0: 1.0, 1: 1.0}, {2: 2.0, 3: 2.0})  # without any variance
+        assert not is_better({0: 1.0, 1: 1.0}, {2: 1.0, 3: 1.0})
+        assert not is_better({0: 0.0}, {1: 9.0, 2: 8.0})  # one result tells nothing
+        assert not is_better({0: 0.0, 1: 0.5}, {2: 9.0})
+
+    def test_half_of_the_instances_in_common_are_enough_for_a_paired_test(self):
+        """The common ones alone decide, though the others would say the opposite."""
+        own = {0: 1.0, 1: 2.0, 2: 3.1, 3: 50.0, 4: 60.0, 5: 70.0}
+        assert is_better(own, {0: 2.0, 1: 3.1, 2: 4.0, 6: 0.0, 7: 1.0, 8: 2.0})
+        assert not is_better(own, {0: 2.0, 1: 3.1, 6: 0.0, 7: 1.0, 8: 2.0, 9: 3.0})
+
+    def test_it_agrees_with_scipy_on_independent_costs(self):
+        draws = np.random.default_rng(1)
+        decisions = []
+        for _ in range(500):
+            costs = draws.normal(0, draws.uniform(0.1, 3), draws.integers(2, 12))
+            earlier = draws.normal(1, draws.uniform(0.1, 3), draws.integers(2, 12))
+            expected = ttest_ind(costs, earlier, equal_var=False, alternative="less").pvalue < 0.05
+            later = {100 + k: cost for k, cost in enumerate(costs.tolist())}
+            assert is_better(later, dict(enumerate(earlier.tolist()))) == expected
+            decisions.append(expected)
+        assert 100 < sum(decisions) < 400
+
+    @pytest.mark.parametrize("first", [0, 10])
+    def test_how_often_there_is_one_by_chance(self, first):
         """At 5 %: of 2000 pairs without a difference 100 on average, and fewer than 50 or more than 150 by luck with a
         probability below 1e-6."""
         rng = random.Random(1)
 
-        def costs():
-            return {k: rng.gauss(0, 1) for k in range(10)}
+        def costs(first):
+            return {k: rng.gauss(0, 1) for k in range(first, first + 10)}
 
-        assert 50 <= sum(is_better(costs(), costs()) for _ in range(2000)) <= 150
+        assert 50 <= sum(is_better(costs(first), costs(0)) for _ in range(2000)) <= 150
 
 
 def test_agreement():
@@ -127,6 +167,10 @@ class TestJudged:
         costs = [{0: 1.0, 1: 2.0}, {0: math.inf}, {0: math.inf}]
         found = judged(iteration(1, 0), [], costs.__getitem__, [0, 1, 2], 1000)
         assert found.note.startswith("too few configurations of the first iteration were accepted")
+
+    def test_a_first_iteration_whose_newcomers_are_not_to_be_compared(self):
+        found = judged(iteration(1, 0), [], [{0: 1.0}].__getitem__, [], 1000)
+        assert (found.note, found.newcomers_differ) == ("", True)
 
     def test_a_single_newcomer_is_not_one_that_cannot_be_told_apart(self):
         costs = [{0: 1.0, 1: 2.0}, {0: 3.0, 1: 4.0}]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mercator_design.race import IteratedRace, RaceOptions
+from mercator_design.race import IteratedRace
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.record import Record
@@ -11,7 +11,7 @@ from tests.race.racing import BUDGET, SPACE, runner
 
 
 def test_it_follows_the_race():
-    race = IteratedRace(SPACE, budget=BUDGET, seed=1, options=RaceOptions.irace())
+    race = IteratedRace(SPACE, budget=BUDGET, seed=1)
     executor = ThreadExecutor(1)
     run = runner(Record(), executor, race=race)
     problem = runner(Record(), executor).problem

@@ -1,1 +1,1 @@
-"""Optimizers, one in each file: iterated race, search, surrogate, Optuna's samplers; `table` names them."""
+"""Optimizers, one in each file: halving, iterated race, search, Optuna's samplers; `table` names them."""

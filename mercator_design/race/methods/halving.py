@@ -11,6 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
+import numpy as np
+
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.additive_model import table
 from mercator_design.race.methods.confirmation import MAX_FINALISTS, by_expectation, confirm
@@ -104,7 +106,7 @@ class Halving(Optimizer):
         self._initial = self._checked(initial)
         self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
         self._alive: list[int] = []  # of the current generation, while it runs
-        self._n_kept = 0  # of the current generation
+        self._n_next = 0  # of these, so many run on the next instance
         self._best: Elite | None = None  # of the current generation, after its first instance
         self._n_seen = 0  # instances
         self._n_iterations = 0
@@ -126,8 +128,8 @@ class Halving(Optimizer):
 
     def lookahead(self, n: int) -> list[Experiment]:
         """On the next instance, those that would go on by their results before the current batch."""
-        ranked = by_expectation(self.history, self._alive)[: self._next_size(len(self._alive))]
-        return [Experiment(number, self._n_seen) for number in ranked[:n]]
+        n_next = min(n, self._n_next, self.budget - self.used - len(self._batch or []))
+        return [Experiment(number, self._n_seen) for number in by_expectation(self.history, self._alive)[:n_next]]
 
     def _run(self) -> Batches:
         reserved = int(self.options.confirmation * (self.budget - self.used))
@@ -154,6 +156,8 @@ class Halving(Optimizer):
 
     def _first_children(self) -> list[Child]:
         n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
+        while self._n_experiments(n) > self.budget:  # two elites may need a few more than two for each
+            n -= 1
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
         self._iteration = 1
@@ -166,18 +170,18 @@ class Halving(Optimizer):
         """Run elites and newcomers on new instances; drop the worse half after each, until a few are left."""
         first, before = self._n_seen, self.used
         self._alive = [*elites, *newcomers]
-        n, self._n_kept = len(self._alive), self._n_kept_of(len(self._alive))
-        while len(self._alive) > self._n_kept:
-            self._n_seen += 1
+        n = len(self._alive)
+        for size in self._sizes(n)[1:]:
+            self._n_next, self._n_seen = size, self._n_seen + 1
             yield [Experiment(number, self._n_seen - 1) for number in self._alive]
-            size = self._next_size(len(self._alive))
-            self._alive = by_expectation(self.history, self._alive)[:size]
-            if not self._alive:
-                self._alive = by_expectation(self.history, range(len(self.configurations)))[:size]
-            if not self._alive:
+            ranked = by_expectation(self.history, self._alive)
+            ranked = ranked or by_expectation(self.history, range(len(self.configurations)))
+            if not ranked:
                 raise RaceError(ALL_REJECTED)
-            self._best = self.history.statistics(self._alive[0])
+            self._alive = ranked[:size]
+            self._best = self.history.statistics(ranked[0])
         survivors, self._alive, self._best = self._alive, [], None
+        costs = table([self.history.costs[number] for number in survivors])[:, first:]
         summary = IterationSummary(
             iteration=self._iteration,
             budget=self._n_experiments(n),
@@ -188,14 +192,18 @@ class Halving(Optimizer):
             n_alive=len(survivors),
             stop_reason=f"{len(survivors)} are left",
             survivors=tuple(survivors),
-            concordance=concordance(table([self.history.costs[number] for number in survivors])[:, first:].T),
+            concordance=concordance(costs[~np.isnan(costs).any(axis=1)].T),
         )
-        # The others have no instance in common with these on which they were not selected.
-        self._end_iteration(summary, survivors, [k for k in newcomers if len(self.history.costs[k]) > 1])
+        # Those that ran twice were selected by their first result: a test finds little, except that all cost the same.
+        different = {cost for number in newcomers for cost in self.history.costs[number].values()}
+        twice = [number for number in newcomers if len(self.history.costs[number]) > 1]
+        self._end_iteration(summary, survivors, twice if len(different) == 1 else [])
 
     def _confirm(self) -> Batches:
         """Compare the best elites of all generations on new instances, with the rest of the budget."""
         order = by_expectation(self.history, self.history.former_elites)
+        if len(order) < 2:  # of a space of two configurations, or if almost all elites were rejected
+            order = by_expectation(self.history, range(len(self.configurations)))
         n_finalists = min(len(order), MAX_FINALISTS, self.budget - self.used)
         if n_finalists < 2:
             return
@@ -217,21 +225,16 @@ class Halving(Optimizer):
         history.elites = [history.statistics(number) for number in order[: self.options.elites]]
         history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)
 
-    def _n_kept_of(self, n: int) -> int:
-        """How many configurations a generation ends with, if it begins with n."""
-        return min(self.options.elites, math.ceil(n / 2))
-
-    def _next_size(self, n: int, n_kept: int | None = None) -> int:
-        """How many of n configurations run on the next instance."""
-        return max(math.ceil(n / 2), self._n_kept if n_kept is None else n_kept)
+    def _sizes(self, n: int) -> list[int]:
+        """How many of n configurations run on each instance of a generation, and how many are left at its end."""
+        n_left, sizes = min(self.options.elites, math.ceil(n / 2)), [n]
+        while sizes[-1] > n_left:
+            sizes.append(max(math.ceil(sizes[-1] / 2), n_left))
+        return sizes
 
     def _n_experiments(self, n: int) -> int:
         """The experiments of a generation that begins with n configurations."""
-        n_kept, total = self._n_kept_of(n), 0
-        while n > n_kept:
-            total += n
-            n = self._next_size(n, n_kept)
-        return total
+        return sum(self._sizes(n)[:-1])
 
     def _n_affordable(self, size: int, left: int) -> int:
         """The largest number of newcomers, up to a size, for a generation with a budget; 0 if it is too small."""

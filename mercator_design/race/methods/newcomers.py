@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from numpy.random import Generator
 
+from mercator_design.errors import RaceError
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.sampling import sobol_sample
@@ -47,15 +48,20 @@ class Newcomers:
             generator: Returns the generator of a purpose.
 
         Raises:
-            RaceError: All configurations of the sequence are excluded.
+            RaceError: All configurations of the sequence are excluded, and there are no others.
         """
         found = _Different(self._space, self._is_possible)
         found.add((one, None) for one in initial[:n])
         found.add(self._simple(len(found.children) + round(simple * (n - len(found.children))), found, generator))
         if (n_left := n - len(found.children)) > 0:
-            sampled = sobol_sample(
-                self._space, n_left, generator("sampling"), lambda one: not found.accepts(self._canonical(one))
-            )
+            try:
+                sampled = sobol_sample(
+                    self._space, n_left, generator("sampling"), lambda one: not found.accepts(self._canonical(one))
+                )
+            except RaceError:
+                if not found.children:
+                    raise
+                sampled = []  # the given and simple ones are all that there are
             found.add((self._canonical(one), None) for one in sampled)
         return found.children
 

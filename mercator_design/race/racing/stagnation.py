@@ -92,14 +92,14 @@ def judged(
         iteration: The iteration that has ended.
         earlier: The iterations before it.
         costs: Returns the costs of a configuration by instance.
-        newcomers: The configurations that are new in this iteration.
+        newcomers: The configurations that are new in this iteration; none if no test is to say whether they differ.
         budget: The budget of the whole race.
     """
     accepted = [own for own in map(costs, newcomers) if not any(map(math.isinf, own.values()))]
     found = agreement(accepted)
     iteration = replace(iteration, newcomers_differ=found is None or found[1] < _ALPHA)
     if not earlier:
-        return replace(iteration, note=_of_the_first(found))
+        return replace(iteration, note=_of_the_first(found) if newcomers else "")
     before = earlier[-1 - earlier[-1].stagnant]
     if is_better(costs(iteration.best), costs(before.best)):
         return iteration

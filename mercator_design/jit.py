@@ -100,9 +100,10 @@ def compiled(function: F) -> F:
     """
     if not jit_wanted():
         return function
-    with _lock:
-        if function not in _compiled:
-            _compiled[function] = _compile(function)
+    if function not in _compiled:
+        with _lock:
+            if function not in _compiled:
+                _compiled[function] = _compile(function)
     return cast("F", _compiled[function])
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.config.colours import RGB
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import DISC, POLYGON, RECTANGLE, RING, FloorTable
@@ -37,6 +37,15 @@ def zone_contains(floor: FloorTable, index: int, x: float, y: float) -> bool:
             across = math.cos(angle) * dy - math.sin(angle) * dx
         return bool(abs(along) <= p and abs(across) <= q)
     return bool(dx * p + dy * q >= 0.0)  # half plane; p, q: normal
+
+
+@jittable
+def any_contains(floor: FloorTable, rows: Numbers, x: float, y: float) -> bool:
+    """Whether one of the zones in these rows contains a point."""
+    for row in rows:  # noqa: SIM110 - a kernel
+        if zone_contains(floor, row, x, y):
+            return True
+    return False
 
 
 @jittable

@@ -12,7 +12,7 @@ from mercator_design.errors import MissionError, SimulationError
 from mercator_design.jit import compiled
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import FloorTable
-from mercator_design.missions.floor_kernels import colour_at, zone_contains
+from mercator_design.missions.floor_kernels import any_contains, colour_at
 from mercator_design.missions.plugins import When, Zones
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class Trace:
     def inside(self, zones: Zones, when: When) -> Flags:
         """Whether each robot's centre lies in one of the named zones (cycles, robots); at the end: (1, robots)."""
         rows = self.rows_of(zones)
-        inside = np.zeros(self.counted(when).shape[:2], dtype=np.bool_)
+        inside = np.empty(self.counted(when).shape[:2], dtype=np.bool_)
         compiled(_mark_inside)(self.floor.copy(), self._poses, self.control_period, rows, inside)
         return inside
 
@@ -165,9 +165,7 @@ def _mark_inside(floor: FloorTable, poses: Floats, period: float, rows: Numbers,
         if cycle < first:
             continue
         for i in range(poses.shape[1]):
-            for row in rows:
-                if zone_contains(floor, row, poses[cycle + 1, i, 0], poses[cycle + 1, i, 1]):
-                    inside[cycle - first, i] = True
+            inside[cycle - first, i] = any_contains(floor, rows, poses[cycle + 1, i, 0], poses[cycle + 1, i, 1])
 
 
 def _fill_colors(floor: FloorTable, poses: Floats, period: float, colors: Floats) -> None:

@@ -19,7 +19,7 @@ from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels import kernel
-from mercator_design.sim.kernels.chipmunk import Space
+from mercator_design.sim.kernels.chipmunk import SPACE, new_bridge, take_down
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import History, Swarm, new_history
 from mercator_design.sim.referee import referee_experiment
@@ -97,9 +97,11 @@ class Simulator:
             MissionError: if the robots do not fit, or the objective fails.
             SimulationError: if a robot's final pose is not finite.
         """
-        self.check(pfsm)
+        program, reads = _prepared(pfsm)
+        if not reads <= self._senses:
+            self.check(pfsm)
         instance = self.instance(seed)
-        trace, recording = self._run(instance, pfsm, self.mission.cycles, everything=record, referee=referee)
+        trace, recording = self._run(instance, program, self.mission.cycles, everything=record, referee=referee)
         if not np.isfinite(trace.poses[-1]).all():
             raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
         return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
@@ -125,7 +127,7 @@ class Simulator:
         try:
             if len(instance.scene.floor.changes):  # first: so a plugin's mistake shows before the engine is compiled
                 compiled(change_floor)(instance.scene.floor.copy(), instance.swarm.poses[:, :3].copy(), 0.0)
-            trace, recording = self._run(instance, Pfsm((State("stop"),)), 1, everything=True)
+            trace, recording = self._run(instance, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
             if not plugins:  # then it is our fault
@@ -145,26 +147,27 @@ class Simulator:
             self.instance(seed)
 
     def _run(
-        self, instance: Instance, pfsm: Pfsm, cycles: int, *, everything: bool = False, referee: bool = False
+        self, instance: Instance, program: Program, cycles: int, *, everything: bool = False, referee: bool = False
     ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
-        floor = instance.scene.floor.copy()
+        start = instance.scene
+        if len(start.floor.changes):
+            start = start._replace(floor=start.floor.copy())
         run = referee_experiment if referee or not jit_wanted() else _compiled
         try:
-            run(instance.scene, instance.robot_model.reference_model, program_arrays(pfsm), instance.swarm, history)
+            run(instance.scene, instance.robot_model.reference_model, program, instance.swarm, history)
         except Exception as error:
             place = line_of(error)
             if not place:  # of no plugin's kernel
                 raise
             raise MissionError(f"{place}floor dynamic: {described(error)}") from error
-        start = instance.scene._replace(floor=floor)
         recording = Recording(
             instance.robot_model, start, history, instance.swarm.noise_keys, self.mission.control_period
         )
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=floor,
+            floor=start.floor,
             zone_rows=instance.zone_rows,
             control_period=self.mission.control_period,
             measure=recording.measure,
@@ -177,9 +180,8 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        if not _senses_of(pfsm) <= self._senses:
-            for place, module in pfsm.modules:
-                self.check_module(module, place)
+        for place, module in pfsm.modules:
+            self.check_module(module, place)
 
     def check_module(self, module: Module, place: str) -> None:
         """Check that the robot has the senses that a module reads.
@@ -209,11 +211,11 @@ def robot_model_of(mission: Mission) -> RobotModel:
 
 
 @lru_cache(_PROGRAMS)
-def _senses_of(pfsm: Pfsm) -> frozenset[str]:
-    return pfsm.reads
+def _prepared(pfsm: Pfsm) -> tuple[Program, frozenset[str]]:
+    """The tables of a PFSM, and the senses that it reads."""
+    return program_arrays(pfsm), pfsm.reads
 
 
-@lru_cache(_PROGRAMS)
 def program_arrays(pfsm: Pfsm) -> Program:
     """The tables of a PFSM as arrays, for compiled code, which does not change them."""
     kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
@@ -226,5 +228,9 @@ def program_arrays(pfsm: Pfsm) -> Program:
 
 def _compiled(scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History) -> None:
     """The whole experiment in one compiled call."""
-    space = Space(scene.physics, len(swarm.poses))
-    compiled(kernel.experiment)(space.bridge, scene, model, program, swarm, history)
+    bridge = new_bridge(scene.physics, len(swarm.poses))
+    try:
+        compiled(kernel.experiment)(bridge, scene, model, program, swarm, history)
+    finally:
+        if bridge.arena[SPACE]:  # a plugin's dynamic failed
+            compiled(take_down)(bridge)

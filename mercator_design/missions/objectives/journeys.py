@@ -5,8 +5,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.config.schema import FieldError
+from mercator_design.jit import compiled
 from mercator_design.missions.arena import Angle, Point, Size
+from mercator_design.missions.dynamics import change_floor
+from mercator_design.missions.floor import FloorTable
+from mercator_design.missions.floor_kernels import any_contains
 from mercator_design.missions.plugins import Zones, objective
 from mercator_design.missions.trace import Trace
 
@@ -28,12 +33,25 @@ def trips(
 
     A robot on both at once is on the source.
     """
-    source, nest, start = 1, 2, 3
-    places = np.where(trace.inside(sources, "always"), source, 0)
-    places[(places == 0) & trace.inside(nests, "always")] = nest
-    histories = np.vstack([np.full(trace.robots, start), places]).T.ravel()  # one robot's after another's
-    visits = histories[histories > 0]
-    return float(np.sum((visits[:-1] == source) & (visits[1:] == nest)))
+    rows, carrying = (trace.rows_of(sources), trace.rows_of(nests)), np.zeros(trace.robots, dtype=np.bool_)
+    poses = np.ascontiguousarray(trace.poses)
+    return float(compiled(_count_trips)(trace.floor.copy(), poses, trace.control_period, *rows, carrying))
+
+
+def _count_trips(
+    floor: FloorTable, poses: Floats, period: float, sources: Numbers, nests: Numbers, carrying: Flags
+) -> int:
+    trips = 0
+    for cycle in range(1, len(poses)):
+        change_floor(floor, poses[cycle], cycle * period)
+        for i in range(poses.shape[1]):
+            x, y = poses[cycle, i, 0], poses[cycle, i, 1]
+            if any_contains(floor, sources, x, y):
+                carrying[i] = True
+            elif carrying[i] and any_contains(floor, nests, x, y):
+                carrying[i] = False
+                trips += 1
+    return trips
 
 
 @objective

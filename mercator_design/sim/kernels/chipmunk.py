@@ -98,6 +98,12 @@ class Bridge(NamedTuple):
     robots: Numbers  # (robots, 5): body, shape, pivot joint, gear joint, body with the target velocity
 
 
+def new_bridge(physics: Physics, robots: int) -> Bridge:
+    """A bridge to no space yet; `build` makes one, `take_down` frees it."""
+    arena = np.zeros(OBSTACLES + len(physics.ends), dtype=np.int64)
+    return Bridge(_functions(), body_layout(), arena, np.zeros((robots, 5), dtype=np.int64))
+
+
 class Space:
     """A space of Chipmunk with obstacles, and robots that are not in it yet. It lives as long as this object.
 
@@ -107,8 +113,7 @@ class Space:
     """
 
     def __init__(self, physics: Physics, robots: int) -> None:
-        arena = np.zeros(OBSTACLES + len(physics.ends), dtype=np.int64)
-        self.bridge = Bridge(_functions(), body_layout(), arena, np.zeros((robots, 5), dtype=np.int64))
+        self.bridge = new_bridge(physics, robots)
         compiled(build)(self.bridge, physics)
         weakref.finalize(self, compiled(take_down), self.bridge)
 
@@ -188,7 +193,7 @@ def _build_robot(call: Functions, robot: Numbers, physics: Physics) -> None:
 
 @jittable
 def take_down(bridge: Bridge) -> None:
-    """Free all that `build` has made."""
+    """Free all that `build` has made; the bridge is then to no space."""
     call, arena, robots = bridge.call, bridge.arena, bridge.robots
     _call_pointer(call.space_free, (arena[SPACE],))
     for i in range(len(robots)):
@@ -200,6 +205,7 @@ def take_down(bridge: Bridge) -> None:
     for k in range(OBSTACLES, len(arena)):
         _call_pointer(call.shape_free, (arena[k],))
     _call_pointer(call.body_free, (arena[STATIC],))
+    arena[SPACE] = 0
 
 
 @jittable

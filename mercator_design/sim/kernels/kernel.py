@@ -19,7 +19,17 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.seeds import uniform
-from mercator_design.sim.kernels.chipmunk import Bridge, aim_at, enter, leave, read_state, step, write_state
+from mercator_design.sim.kernels.chipmunk import (
+    Bridge,
+    aim_at,
+    build,
+    enter,
+    leave,
+    read_state,
+    step,
+    take_down,
+    write_state,
+)
 from mercator_design.sim.kernels.meetings import find_meetings, mark_close
 from mercator_design.sim.kernels.motion import glide, withdraw
 from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
@@ -191,7 +201,11 @@ def _remembered(model: ReferenceModel) -> int:
 def experiment(
     bridge: Bridge, scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History
 ) -> None:
-    """Run a whole experiment from the poses that the swarm is in."""
+    """Run a whole experiment from the poses that the swarm is in; its space is built, and then taken down.
+
+    If a plugin's dynamic fails, the space is left to the caller.
+    """
+    build(bridge, scene.physics)
     note_poses(swarm, history, 0)
     for cycle in range(len(history.states)):
         move(bridge, scene, swarm)
@@ -199,5 +213,6 @@ def experiment(
         sense_and_control(scene, model, program, swarm, history, cycle)
     for i in range(len(swarm.poses)):
         if swarm.held[i]:
-            leave(bridge, i)  # so the space is as pymunk knows it
+            leave(bridge, i)
             swarm.held[i] = False
+    take_down(bridge)

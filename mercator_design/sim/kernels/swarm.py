@@ -66,8 +66,10 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
     n, beams = len(poses), len(scene.lidar.beams_x)
     recalled = math.ceil(max(model.neighbour_memory, model.neighbour_count_memory))
     max_neighbours = max(n * (1 + recalled), beams)  # a cluster of beams need not be a robot
+    directed = np.zeros((n, 5))
+    directed[:, :3] = poses
     return Swarm(
-        poses=np.hstack([poses, np.zeros((n, 2))]),
+        poses=directed,
         velocities=np.zeros((n, 3)),
         commands=np.zeros((n, 2)),
         targets=np.zeros((n, 3)),

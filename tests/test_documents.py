@@ -193,7 +193,9 @@ class TestPages:
 def test_the_comparison_with_optuna_has_the_figures_of_the_benchmarks():
     shown = (ROOT / "docs" / "explanation" / "racing-and-optuna.md").read_text()
     benchmarks = ROOT / "docs" / "explanation" / "benchmarks.md"
-    names, means = (row.split("|")[2:-1] for row in re.findall(r"^\| (?:\| `halving` \||mean of ).*$", shown, re.MULTILINE))
+    names, means = (
+        row.split("|")[2:-1] for row in re.findall(r"^\| (?:\| `halving` \||mean of ).*$", shown, re.MULTILINE)
+    )
     assert [name.strip(" `") for name in names] == ["halving", "irace", "random", "tpe", "cma-es"]
     assert f"| **mean** | {' | '.join(f'**{mean.strip()}**' for mean in means)} |\n" in benchmarks.read_text()
 

@@ -119,7 +119,9 @@ BEHAVIOURS = (
         reads=_OBSTACLES,
         # 0 is legal in published controllers and means the same as 1.
         parameters=(
-            ModuleParameter(name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1),
+            ModuleParameter(
+                name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1, log=True
+            ),
         ),
     ),
     Module(name="stop", label="Stop", function=stop, numbers={"watermelon": 1, "chocolate": 1}),

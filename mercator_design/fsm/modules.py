@@ -34,6 +34,7 @@ class ModuleParameter:
     high: float
     integer: bool = False
     sampled_low: float | None = None  # the grammar samples from here, where `low` is legal but not designed
+    log: bool = False  # whether simple PFSMs and moves draw it evenly over its logarithm
 
     @property
     def domain(self) -> str:

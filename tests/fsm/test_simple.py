@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from mercator_design.designer import mission_space
+from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
-from mercator_design.fsm.space.simple import simple_machines
+from mercator_design.fsm.space.simple import drawn_values, simple_machines
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import parse_space
 from mercator_design.sim.simulate import Simulator
+
+EXPLORATION = next(one for one in BEHAVIOURS if one.name == "exploration")
 
 
 def everything(module, parameters):
@@ -45,6 +48,14 @@ def test_the_second_behaviour_ends_by_another_condition_on_the_same_senses():
             if there.module.reads:
                 assert (there.condition, there.parameters[1:]) != (back.condition, back.parameters[1:])
             assert machine.states[0].behaviour == "exploration" != machine.states[1].behaviour
+
+
+def test_turns_are_drawn_evenly_over_their_logarithm():
+    draws = np.random.default_rng(3)
+    taus = [drawn_values(EXPLORATION, draws)[0] for _ in range(4000)]
+    assert {1.0, 100.0} <= set(taus) <= set(range(1, 101))
+    # At most 10 with probability ln(10.5) / ln(100): 0.51, with a standard error of 0.008.
+    assert 0.47 < np.mean(np.array(taus) <= 10) < 0.55
 
 
 def test_order_and_numbers_are_drawn():

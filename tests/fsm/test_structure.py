@@ -81,6 +81,14 @@ def test_neighbours_are_configurations_of_the_grammar_and_all_moves_are_made():
     assert {(0, 0), (0, 1), (0, -1), (1, 1), (-1, -1)} <= changes
 
 
+def test_small_turns_change_by_small_steps():
+    draws = np.random.default_rng(4)
+    pfsm = Pfsm((State("exploration", (3.0,)),))
+    found = [neighbour(pfsm, draws).states[0] for _ in range(2000)]
+    near = [1 <= one.parameters[0] <= 9 for one in found if one.behaviour == "exploration" and one != pfsm.states[0]]
+    assert np.mean(near) > 0.7  # 0.81; with even steps over 1 to 100 it is 0.45
+
+
 def test_any_pfsm_is_reached_from_any_other():
     """Moves that lower a distance are accepted: structure, modules and a number become those of the target."""
     draws = np.random.default_rng(2)

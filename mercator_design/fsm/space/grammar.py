@@ -7,6 +7,7 @@ language has had dependent bounds since.
 """
 
 import functools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -83,10 +84,16 @@ def module_of(parameter: str, number: str, flavour: str) -> Module:
 
 
 def value_at(parameter: ModuleParameter, place: float) -> float:
-    """The value that is sampled at a place in [0, 1] of a parameter's domain."""
+    """The value at a place in [0, 1] of a parameter's domain."""
     low, high = parameter.sampled
-    value = low + place * (high - low)
+    value = low * (high / low) ** place if parameter.log else low + place * (high - low)
     return float(round(value)) if parameter.integer else round(value, DIGITS)
+
+
+def place_of(parameter: ModuleParameter, value: float) -> float:
+    """The place of a value that may be sampled; the inverse of `value_at` but for rounding."""
+    low, high = parameter.sampled
+    return math.log(value / low) / math.log(high / low) if parameter.log else (value - low) / (high - low)
 
 
 def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:

@@ -36,7 +36,7 @@ def any_of(some: Sequence[T], draws: Draws) -> T:
 
 
 def drawn_values(module: Module, draws: Draws) -> tuple[float, ...]:
-    """Values of a module's parameters, uniform over their domains."""
+    """Values of a module's parameters, uniform over their domains, or over the logarithm if these say so."""
     return tuple(value_at(parameter, draws.random()) for parameter in module.parameters)
 
 
@@ -55,7 +55,7 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     """One machine of each behaviour, and one of exploration with each condition and other behaviour, in random order.
 
     The second behaviour ends by another condition that reads the same senses, for example on a floor of another colour.
-    Numbers are uniform over their domains.
+    Numbers are drawn by `drawn_values`.
     """
     behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
     kinds = [one for one in _kinds(flavour) if usable(one.module, (1.0, one.label))]

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import Value, from_states, modules_of, to_states, value_at
+from mercator_design.fsm.space.grammar import Value, from_states, modules_of, place_of, to_states, value_at
 from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, simple_machines
 
 T = TypeVar("T")
@@ -254,8 +254,7 @@ class _States:
         return drawn_values(module, self._draws)
 
     def _near(self, parameter: ModuleParameter, value: float) -> float:
-        low, high = parameter.sampled
-        place = (value - low) / (high - low) + _STEP * self._draws.normal()
+        place = place_of(parameter, value) + _STEP * self._draws.normal()
         anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
         return value_at(parameter, self._draws.random() if anywhere else place)
 

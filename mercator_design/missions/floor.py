@@ -65,8 +65,8 @@ class FloorTable(NamedTuple):
     numbers: Floats  # (rows, columns) what the dynamics keep
 
     def copy(self) -> "FloorTable":
-        """A copy that does not change with this floor."""
-        return self._replace(zones=self.zones.copy(), numbers=self.numbers.copy())
+        """A copy that does not change with this floor: itself, if it has no dynamics."""
+        return self if not len(self.changes) else self._replace(zones=self.zones.copy(), numbers=self.numbers.copy())
 
 
 ZoneRow: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]

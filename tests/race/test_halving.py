@@ -113,11 +113,12 @@ class TestBudget:
 
 
 class TestGenerations:
-    def test_each_instance_halves_them_until_five_are_left(self):
+    def test_each_rung_halves_them_until_five_are_left(self):
+        """Few run on several instances: three quarters of 31 newcomers are 23 experiments."""
         race = Halving(MIXED, budget=1000, seed=1)
         found = by_generation(batches_of(race))
-        assert [len(batch) for batch in found[1]] == [200, 100, 50, 25, 13, 7]
-        assert [len(batch) for batch in found[2]] == [36, 18, 9]  # 31 newcomers, the root of 1000
+        assert [len(batch) for batch in found[1]] == [200, 100, 50, 25, 2 * 13, 3 * 7]
+        assert [len(batch) for batch in found[2]] == [36, 18, 3 * 9]  # 31 newcomers, the root of 1000
         *generations, confirmation = race.iterations
         assert len(generations) > 5
         assert confirmation.postselection
@@ -132,12 +133,16 @@ class TestGenerations:
         race = Halving(MIXED, budget=600, seed=2)
         found = batches_of(race)
         generations = [batch for number, batch in found if number < race.iteration]
-        assert [{e.instance for e in batch} for batch in generations] == [{k} for k in range(len(generations))]
+        for batch in generations:
+            alive, instances = ({e[k] for e in batch} for k in (0, 1))
+            assert len(batch) == len(alive) * len(instances)
+            assert batch == [Experiment(n, k) for k in sorted(instances) for n in dict.fromkeys(e[0] for e in batch)]
         for (number, batch), (later, next_batch) in pairwise(found):
             if number == later < race.iteration:
                 assert {e.configuration for e in next_batch} < {e.configuration for e in batch}
         for summary in race.iterations[:-1]:
-            assert summary.n_instances == sum(number == summary.iteration for number, _ in found)
+            own = {e.instance for number, batch in found if number == summary.iteration for e in batch}
+            assert summary.n_instances == len(own)
         seen = [experiment.instance for _, batch in found for experiment in batch]
         assert seen == sorted(seen)
         assert {*seen} == {*range(max(seen) + 1)}
@@ -184,7 +189,7 @@ class TestGenerations:
                 assert now.iteration == race.iteration == len(race.iterations) + 1
                 assert now.iteration == now.iterations + 1 if is_final else 1 <= now.iteration <= now.iterations
                 assert now.used == race.used <= now.budget - len(batch) == budget - len(batch)
-                assert now.alive == len(race.elites if is_final else batch) >= 1
+                assert now.alive == len(race.elites if is_final else {e.configuration for e in batch}) >= 1
                 assert (now.best is None) == (now.used == 0)
                 race.tell([size_of(race.configurations[e.configuration]) + noise(0, e) for e in batch])
             done = race.progress
@@ -500,7 +505,7 @@ class TestStructure:
 
 
 class TestOptions:
-    @pytest.mark.parametrize("name", ["first", "simple", "surrogate", "confirmation"])
+    @pytest.mark.parametrize("name", ["first", "simple", "surrogate", "rung", "confirmation"])
     @pytest.mark.parametrize("value", [-0.1, 1.1, math.nan])
     def test_parts_are_between_0_and_1(self, name, value):
         with pytest.raises(RaceError, match=f"race option {name}: expected 0 to 1, found {value}"):
@@ -520,7 +525,15 @@ class TestOptions:
 
     @pytest.mark.parametrize(("first", "n"), [(0.0, 2), (0.1, 20), (0.8, 160)])
     def test_the_size_of_the_first_generation(self, first, n):
-        assert len(Halving(MIXED, budget=400, seed=1, options=HalvingOptions(first=first)).ask()) == n
+        race = Halving(MIXED, budget=400, seed=1, options=HalvingOptions(first=first))
+        race.ask()
+        assert len(race.configurations) == n
+
+    @pytest.mark.parametrize(("rung", "sizes"), [(0, [36, 18, 9]), (0.5, [36, 18, 18]), (1, [36, 36, 27])])
+    def test_the_size_of_a_rung(self, rung, sizes):
+        """31 experiments at the most; rounded to whole instances."""
+        found = by_generation(batches_of(Halving(MIXED, budget=1000, seed=1, options=HalvingOptions(rung=rung))))
+        assert [len(batch) for batch in found[2]] == sizes
 
     @pytest.mark.parametrize("elites", [2, 8])
     def test_the_number_of_elites(self, elites):

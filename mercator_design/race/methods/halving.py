@@ -1,15 +1,17 @@
 """Generations by successive halving: many new configurations run once, the better half goes on, until a few are left.
 
 The noise of one experiment is large beside the differences between good designs, and instances explain little of it. So
-it pays to look at many configurations with a single experiment each, and to repeat only those that look good
-(Karnin et al. 2013, Almost optimal exploration in multi-armed bandits; Jamieson and Talwalkar 2016, Non-stochastic best
-arm identification). Configurations that have run on different instances are compared by their expected costs
-(additive_model.py).
+it pays to look at many configurations with a single experiment each, and to repeat only those that look good, the fewer
+are left the more often (Karnin et al. 2013, Almost optimal exploration in multi-armed bandits; Jamieson and Talwalkar
+2016, Non-stochastic best arm identification). Configurations that have run on different instances are compared by their
+expected costs (additive_model.py).
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +44,8 @@ class HalvingOptions:
         structure: Whether newcomers are in canonical form, and neighbours are moves in the space's structure, if it has
             one.
         elites: Number of configurations that a generation ends with.
+        rung: Experiments in each rung of a generation, as a part of the newcomers of a later generation: when few
+            configurations are left, they run on so many instances at once. 0 means one instance in each rung.
         confirmation: Part of the budget that is reserved for the confirmation of the winner.
 
     Raises:
@@ -53,6 +57,7 @@ class HalvingOptions:
     surrogate: float = 0.5
     structure: bool = True
     elites: int = 5
+    rung: float = 0.75
     confirmation: float = 0.15
 
     def __post_init__(self) -> None:
@@ -69,11 +74,18 @@ class HalvingOptions:
             )
 
 
+class _Rung(NamedTuple):
+    """A step of a generation: configurations run on new instances, and the worse half is dropped."""
+
+    n: int
+    n_instances: int
+
+
 class Halving(Optimizer):
     """A race by halving over a space.
 
-    In each generation, elites and newcomers run on one new instance after the other, and after each instance the worse
-    half is dropped. At the end, the best elites of all generations run on new instances to confirm the winner.
+    In each generation, elites and newcomers run on a new instance, and the worse half is dropped; the others run on the
+    next ones, and so on. At the end, the best elites of all generations run on new instances to confirm the winner.
 
     Args:
         space, budget, seed: As `Optimizer`.
@@ -106,7 +118,7 @@ class Halving(Optimizer):
         self._initial = self._checked(initial)
         self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
         self._alive: list[int] = []  # of the current generation, while it runs
-        self._n_next = 0  # of these, so many run on the next instance
+        self._next = _Rung(0, 0)  # what comes after the current rung
         self._best: Elite | None = None  # of the current generation, after its first instance
         self._n_seen = 0  # instances
         self._n_iterations = 0
@@ -127,15 +139,17 @@ class Halving(Optimizer):
         return set(self.history.former_elites)
 
     def lookahead(self, n: int) -> list[Experiment]:
-        """On the next instance, those that would go on by their results before the current batch."""
-        n_next = min(n, self._n_next, self.budget - self.used - len(self._batch or []))
-        return [Experiment(number, self._n_seen) for number in by_expectation(self.history, self._alive)[:n_next]]
+        """On the next instances, those that would go on by their results before the current batch."""
+        likely = by_expectation(self.history, self._alive)[: self._next.n]
+        instances = range(self._n_seen, self._n_seen + self._next.n_instances)
+        experiments = [Experiment(number, instance) for instance in instances for number in likely]
+        return experiments[: min(n, self.budget - self.used - len(self._batch or []))]
 
     def _run(self) -> Batches:
         reserved = int(self.options.confirmation * (self.budget - self.used))
-        size = min(math.isqrt(self.budget), _MAX_LATER)
+        size = self._size
         if not self.elites:
-            children = self._first_children()
+            children = self._first_children(self.budget - reserved)
             left = self.budget - reserved - self._n_experiments(len(children))
             self._n_iterations = 1 + max(left // self._n_experiments(self.options.elites + size), 0)
             yield from self._generation([], self.history.add(children))
@@ -154,9 +168,9 @@ class Halving(Optimizer):
         self._n_iterations = self._iteration
         yield from self._confirm()
 
-    def _first_children(self) -> list[Child]:
+    def _first_children(self, max_experiments: int) -> list[Child]:
         n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
-        while self._n_experiments(n) > self.budget:  # two elites may need a few more than two for each
+        while n > 2 and self._n_experiments(n) > max_experiments:  # small generations take more than two for each
             n -= 1
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
@@ -167,18 +181,20 @@ class Halving(Optimizer):
         return children
 
     def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:
-        """Run elites and newcomers on new instances; drop the worse half after each, until a few are left."""
+        """Run elites and newcomers on new instances; drop the worse half after each rung, until a few are left."""
         first, before = self._n_seen, self.used
         self._alive = [*elites, *newcomers]
         n = len(self._alive)
-        for size in self._sizes(n)[1:]:
-            self._n_next, self._n_seen = size, self._n_seen + 1
-            yield [Experiment(number, self._n_seen - 1) for number in self._alive]
+        for rung, after in pairwise(self._rungs(n)):
+            self._next = after
+            instances = range(self._n_seen, self._n_seen + rung.n_instances)
+            self._n_seen = instances.stop
+            yield [Experiment(number, instance) for instance in instances for number in self._alive]
             ranked = by_expectation(self.history, self._alive)
             ranked = ranked or by_expectation(self.history, range(len(self.configurations)))
             if not ranked:
                 raise RaceError(ALL_REJECTED)
-            self._alive = ranked[:size]
+            self._alive = ranked[: after.n]
             self._best = self.history.statistics(ranked[0])
         survivors, self._alive, self._best = self._alive, [], None
         costs = table([self.history.costs[number] for number in survivors])[:, first:]
@@ -225,16 +241,23 @@ class Halving(Optimizer):
         history.elites = [history.statistics(number) for number in order[: self.options.elites]]
         history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)
 
-    def _sizes(self, n: int) -> list[int]:
-        """How many of n configurations run on each instance of a generation, and how many are left at its end."""
-        n_left, sizes = min(self.options.elites, math.ceil(n / 2)), [n]
-        while sizes[-1] > n_left:
-            sizes.append(max(math.ceil(sizes[-1] / 2), n_left))
-        return sizes
+    @property
+    def _size(self) -> int:
+        """Newcomers in a later generation."""
+        return min(math.isqrt(self.budget), _MAX_LATER)
+
+    def _rungs(self, n: int) -> list[_Rung]:
+        """The rungs of a generation that begins with n configurations; then the first run of those that are left."""
+        n_left = min(self.options.elites, math.ceil(n / 2))
+        rungs = []
+        while n > n_left:
+            rungs.append(_Rung(n, max(round(self.options.rung * self._size / n), 1)))
+            n = max(math.ceil(n / 2), n_left)
+        return [*rungs, _Rung(n_left, 1)]
 
     def _n_experiments(self, n: int) -> int:
         """The experiments of a generation that begins with n configurations."""
-        return sum(self._sizes(n)[:-1])
+        return sum(rung.n * rung.n_instances for rung in self._rungs(n)[:-1])
 
     def _n_affordable(self, size: int, left: int) -> int:
         """The largest number of newcomers, up to a size, for a generation with a budget; 0 if it is too small."""

@@ -246,7 +246,7 @@ class TestDamage:
             (["race"], 5, "race: expected a mapping of keys, found 5"),
             (["race", "seed"], "1", 'race: seed: expected a whole number >= 0, found "1"'),
             (["race", "plugins"], [], "race: plugins: expected a mapping of keys, found a list of 0"),
-            (["race", "options", "mu"], 5.0, "options: raced with"),
+            (["race", "options", "mu"], 5.0, "options.mu: raced with 5.0 by"),
             (["request", "set"], "robots=2", "request.set: expected a list"),
             (["libraries"], {"numpy": 1}, "libraries.numpy: expected text, found 1"),
             (["cores"], "2", "cores: expected a whole number >= 0 or null"),

@@ -76,15 +76,27 @@ def restored(path: Path) -> Task[Any]:
         former = {name: value for name, value in _FORMER_OPTIONS.items() if name not in here["options"]}
         kept = {name: one for name, one in recorded.items() if name not in former or not is_same(one, former[name])}
         start = {**start, "options": usual | kept}
-    for key in {**here, **start}:
+    raced, now = _flat(start), _flat(here)
+    for key in {**now, **raced}:
         # Another version may give the same results.
-        if key != "mercator_design" and not is_same(here.get(key), start.get(key)):
+        if key != "mercator_design" and not is_same(now.get(key), raced.get(key)):
             raise RaceError(
-                f"{path}: {key}: raced with {excerpt(str(start.get(key)))} by mercator_design "
-                f"{start['mercator_design']}, found {excerpt(str(here.get(key)))} in mercator_design {__version__}: "
+                f"{path}: {key}: raced with {excerpt(str(raced.get(key, 'nothing')))} "
+                f"by mercator_design {start['mercator_design']}, "
+                f"found {excerpt(str(now.get(key, 'nothing')))} in mercator_design {__version__}: "
                 "this version cannot continue, verify or ablate the race"
             )
     return task
+
+
+def _flat(start: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A start with a key for each option."""
+    options = start.get("options")
+    if not isinstance(options, Mapping):
+        return start
+    return {key: value for key, value in start.items() if key != "options"} | {
+        f"options.{name}": value for name, value in options.items()
+    }
 
 
 def is_same(one: object, other: object) -> bool:

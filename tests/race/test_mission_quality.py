@@ -29,14 +29,14 @@ class Near:
         return -configuration["x"] + (instance * 7 + self.seed) % 5 / 10
 
     def measure(self, configuration):
-        return {"score": configuration["x"]}
+        return {"score": configuration["x"], "error": 0.0}
 
     def random_scores(self):
         return np.array([-0.6, -0.4])
 
 
-def row(mission, method, budget, seed, score):
-    return {"problem": mission, "method": method, "budget": budget, "seed": seed, "score": score}
+def row(mission, method, budget, seed, score, error=0.0):
+    return {"problem": mission, "method": method, "budget": budget, "seed": seed, "score": score, "error": error}
 
 
 @pytest.fixture
@@ -108,6 +108,17 @@ def test_the_report_says_what_is_better_and_what_is_worse(near):
     assert "* up: at most 500" in lines
     assert "* down: more than 2000" in lines
     assert "* same: 2000" in lines
+
+
+def test_what_was_measured_badly_is_no_headroom(near):
+    for error, found in ((0.02, "1 of the 1"), (0.6, "0 of the 0")):
+        rows = [
+            row("up", method, 500, seed, seed / 100 + (method == "default"), error)
+            for method in ("default", "irace")
+            for seed in range(1, 11)
+        ]
+        (verdict,) = (line for line in mission_quality.report(mission_quality.Table(rows), "irace") if "beside" in line)
+        assert f"({found} with headroom)" in verdict
 
 
 def test_van_elteren_s_test_is_mann_whitney_s_on_one_problem():

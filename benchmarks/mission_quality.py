@@ -4,10 +4,10 @@ Each winner runs on FRESH instances that no race has; its score is their mean. F
 of the races' scores and their quartiles, and against --against the share of pairs of races in which a method's design
 is the better one (probability of superiority, Vargha and Delaney's A; 0.5: no difference) with its 95 % bootstrap
 interval, and the p of Mann-Whitney's test, corrected by Holm over the missions. Over all missions van Elteren's test
-(stratified rank sums). A mission has headroom at a budget if the best winner known, less two of its standard errors, is
-better than the median of --against by more than 5 % of its distance from random configurations. Then, what methods
-without an option are beside the default, and the budget at which the default's median reaches irace's median at the
-largest budget, interpolated in the logarithm of the budget.
+(stratified rank sums). A mission has headroom at a budget if the best winner known, less three of its standard errors,
+is better than the median of --against by more than 5 % of the best one's distance from random configurations. Then,
+what methods without an option are beside the default, and the budget at which the default's median reaches irace's
+median at the largest budget, interpolated in the logarithm of the budget.
 
 Missions: four with Mercator as they are shipped; four of the literature and of this project, shorter or with fewer
 robots than shipped, as their names say; and six random ones: of each class of `mdesign missions sample` the first two
@@ -172,11 +172,12 @@ class Table:
         for row in rows:
             value = self._signs[row["problem"]] * row["score"]
             self._values.setdefault((row["problem"], row["method"], row["budget"]), []).append(value)
-        # Less two standard errors: where all winners are alike, the best one is that which was measured too well.
-        sure = [(row["problem"], self._signs[row["problem"]] * row["score"] - 2 * row["error"]) for row in rows]
-        best = {m: max(value for name, value in sure if name == m) for m in self.missions}
+        # Less three standard errors: of a hundred equal winners the best one is that which was measured too well.
+        sure = [(row["problem"], self._signs[row["problem"]] * row["score"] - 3 * row["error"]) for row in rows]
+        self._sure = {m: max(value for name, value in sure if name == m) for m in self.missions}
+        best = {m: max(max(v) for (name, _, _), v in self._values.items() if name == m) for m in self.missions}
         randoms = {m: float(self._signs[m] * problem(m).random_scores().mean()) for m in self.missions}
-        self._scale = {m: (best[m], best[m] - randoms[m]) for m in self.missions}
+        self._width = {m: best[m] - randoms[m] for m in self.missions}
 
     def values(self, mission: str, method: str, budget: int) -> np.ndarray:
         return np.array(self._values.get((mission, method, budget), []))
@@ -194,8 +195,8 @@ class Table:
 
     def gap(self, mission: str, method: str, budget: int) -> float:
         """From the median to what a winner surely reaches, as a part of the distance from random configurations."""
-        best, width = self._scale[mission]
-        return float((best - np.median(self.values(mission, method, budget))) / width)
+        median = float(np.median(self.values(mission, method, budget)))
+        return float((self._sure[mission] - median) / self._width[mission])
 
     def compared(self, method: str, other: str, budget: int) -> dict[str, Comparison]:
         both = [m for m in self.missions if min(len(self.values(m, one, budget)) for one in (method, other)) > 1]

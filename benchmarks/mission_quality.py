@@ -4,7 +4,7 @@ Each winner runs on FRESH instances that no race has; its score is their mean. F
 of the races' scores and their quartiles, and against --against the share of pairs of races in which a method's design
 is the better one (probability of superiority, Vargha and Delaney's A; 0.5: no difference) with its 95 % bootstrap
 interval, and the p of Mann-Whitney's test, corrected by Holm over the missions. Over all missions van Elteren's test
-(stratified rank sums). A mission has headroom at a budget if the best winner known, less three of its standard errors,
+(stratified rank sums). A mission has headroom at a budget if some winner's score, less three of its standard errors,
 is better than the median of --against by more than 5 % of the best one's distance from random configurations. Then,
 what methods without an option are beside the default, and the budget at which the default's median reaches irace's
 median at the largest budget, interpolated in the logarithm of the budget.
@@ -159,6 +159,18 @@ class Comparison(NamedTuple):
     high: float
     p: float  # corrected
 
+    @property
+    def share_text(self) -> str:
+        return f"{self.share:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def quartiles_text(values: np.ndarray) -> str:
+    """Median, quartiles and number of some values; empty if there are none."""
+    if not len(values):
+        return ""
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return f"{middle:.4g} ({low:.4g} to {high:.4g}) [{len(values)}]"
+
 
 class Table:
     """Scores of winners by mission, method and budget; as values to maximise inside."""
@@ -184,10 +196,7 @@ class Table:
 
     def cell(self, mission: str, method: str, budget: int) -> str:
         values = self._signs[mission] * self.values(mission, method, budget)
-        if not len(values):
-            return ""
-        low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
-        return f"{middle:.4g} ({low:.4g} to {high:.4g}) [{len(values)}]"
+        return quartiles_text(values)
 
     def middle(self, mission: str, method: str, budget: int) -> str:
         values = self._signs[mission] * self.values(mission, method, budget)
@@ -246,7 +255,7 @@ def report(table: Table, against: str) -> Iterator[str]:
             cells = [table.cell(mission, against, budget), gap]
             for method in others:
                 one = comparisons[method].get(mission)
-                share = f"{one.share:.2f} ({one.low:.2f} to {one.high:.2f})" if one else ""
+                share = one.share_text if one else ""
                 cells += [table.cell(mission, method, budget), share, f"{one.p:.2g}" if one else ""]
             yield f"| {mission} | {' | '.join(cells)} |"
         yield ""

@@ -18,30 +18,29 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from benchmarks.mission_quality import FRESH, MissionProblem, Shipped
+from benchmarks.mission_quality import FRESH, Comparison, MissionProblem, Shipped, quartiles_text
 from benchmarks.race_results import Race, results
 from benchmarks.two_samples import interval_of_share, mann_whitney, share_above
 from mercator_design.fsm import parse
 
 PUBLISHED = Path(__file__).parents[1] / "tests" / "data" / "published_fsms.json"
+ROBOT = "mercator-argos"
 DESIGNS = {"aggregation": range(2, 12), "color_aggregation": range(12, 22), "grid_exploration": range(22, 32)}
 """The numbers of the published FSMs of each mission: W2, W3, ..."""
 
 
 @cache
-def problem(mission: str) -> MissionProblem:
-    return MissionProblem(Shipped(mission, "watermelon", ("robot_model=mercator-argos",)))
+def problem(name: str) -> MissionProblem:
+    """The problem of a mission and robot model."""
+    mission, model = name.split(", ")
+    return MissionProblem(Shipped(mission, "watermelon", (f"robot_model={model}",)))
 
 
 def published(mission: str) -> np.ndarray:
     """The mean scores of a mission's published FSMs."""
     texts = json.loads(PUBLISHED.read_text())["watermelon"]
-    return np.array([problem(mission).fresh_scores(parse(texts[f"W{number}"])).mean() for number in DESIGNS[mission]])
-
-
-def cell(scores: np.ndarray) -> str:
-    low, middle, high = np.quantile(scores, [0.25, 0.5, 0.75])
-    return f"{middle:.5g} ({low:.5g} to {high:.5g}) [{len(scores)}]"
+    one = problem(f"{mission}, {ROBOT}")
+    return np.array([one.fresh_scores(parse(texts[f"W{number}"])).mean() for number in DESIGNS[mission]])
 
 
 def main() -> None:
@@ -54,18 +53,23 @@ def main() -> None:
     parser.add_argument("-j", "--jobs", type=int, default=1)
     given = parser.parse_args()
     seeds = range(1, given.seeds + 1)
-    races = [Race(mission, given.method, given.budget, seed) for seed in seeds for mission in given.missions]
+    races = [
+        Race(f"{mission}, {ROBOT}", given.method, given.budget, seed) for seed in seeds for mission in given.missions
+    ]
     rows = results(races, problem, path=given.cache, jobs=given.jobs)
     print(
         f"| mission, on {FRESH} instances | published | races of {given.budget} | better | p |\n|---|---|---|---|---|"
     )
     for mission in given.missions:
-        ours = np.array([row["score"] for row in rows if row["problem"] == mission])
-        theirs = published(mission)
-        sign = 1 if problem(mission).is_maximised else -1
-        low, high = interval_of_share(sign * ours, sign * theirs)
-        share = f"{share_above(sign * ours, sign * theirs):.2f} ({low:.2f} to {high:.2f})"
-        print(f"| {mission} | {cell(theirs)} | {cell(ours)} | {share} | {mann_whitney(ours, theirs):.2g} |")
+        name = f"{mission}, {ROBOT}"
+        ours, theirs = np.array([row["score"] for row in rows if row["problem"] == name]), published(mission)
+        sign = 1 if problem(name).is_maximised else -1
+        cells = [quartiles_text(theirs), quartiles_text(ours)]
+        if len(ours) > 1:
+            pair = sign * ours, sign * theirs
+            found = Comparison(share_above(*pair), *interval_of_share(*pair), mann_whitney(*pair))
+            cells += [found.share_text, f"{found.p:.2g}"]
+        print(f"| {mission} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

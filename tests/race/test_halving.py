@@ -84,6 +84,23 @@ class TestBudget:
                 assert budget - 1 <= race.used <= budget
                 assert len(race.elites) <= elites
 
+    @pytest.mark.parametrize("rung", [0, 0.75, 1])
+    def test_with_few_configurations_and_any_rung(self, rung):
+        """Fewer newcomers than were asked for may take more experiments. The confirmation keeps its part."""
+        for size in range(12, 60, 5):
+            space = Space([integer("a", 1, size)])
+            for budget in range(20, 120, 7):
+                for confirmation in (0, 0.15):
+                    options = HalvingOptions(
+                        surrogate=0, first=0.4 * (size % 2), confirmation=confirmation, elites=2, rung=rung
+                    )
+                    race = Halving(space, budget=budget, seed=size, options=options)
+                    while batch := race.ask():
+                        assert race.used + len(batch) + len(race.lookahead(99)) <= budget
+                        if not race.stop_reason:
+                            assert race.used + len(batch) <= budget - int(confirmation * budget)
+                        race.tell([size_of(race.configurations[e.configuration]) + noise(0, e) for e in batch])
+
     @pytest.mark.parametrize("surrogate", [0.5, 1])
     def test_with_the_surrogate(self, surrogate):
         for budget in (20, 33, 64, 150):
@@ -531,7 +548,7 @@ class TestOptions:
 
     @pytest.mark.parametrize(("rung", "sizes"), [(0, [36, 18, 9]), (0.5, [36, 18, 18]), (1, [36, 36, 27])])
     def test_the_size_of_a_rung(self, rung, sizes):
-        """31 experiments at the most; rounded to whole instances."""
+        """Parts of 31 experiments, rounded to whole instances."""
         found = by_generation(batches_of(Halving(MIXED, budget=1000, seed=1, options=HalvingOptions(rung=rung))))
         assert [len(batch) for batch in found[2]] == sizes
 

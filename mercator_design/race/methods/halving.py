@@ -1,8 +1,8 @@
 """Generations by successive halving: many new configurations run once, the better half goes on, until a few are left.
 
 The noise of one experiment is large beside the differences between good designs, and instances explain little of it. So
-it pays to look at many configurations with a single experiment each, and to repeat only those that look good, the fewer
-are left the more often (Karnin et al. 2013, Almost optimal exploration in multi-armed bandits; Jamieson and Talwalkar
+it pays to look at many configurations with a single experiment each, and to repeat only those that look good, and more
+often the fewer are left (Karnin et al. 2013, Almost optimal exploration in multi-armed bandits; Jamieson and Talwalkar
 2016, Non-stochastic best arm identification). Configurations that have run on different instances are compared by their
 expected costs (additive_model.py).
 """
@@ -30,6 +30,7 @@ MIN_BUDGET = 20
 _MAX_FIRST = 10_000
 _MAX_LATER = 1000
 """Maximum numbers of newcomers in a generation, for any budget."""
+_NO_BUDGET = "the budget left is too small for another generation"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,8 +45,8 @@ class HalvingOptions:
         structure: Whether newcomers are in canonical form, and neighbours are moves in the space's structure, if it has
             one.
         elites: Number of configurations that a generation ends with.
-        rung: Experiments in each rung of a generation, as a part of the newcomers of a later generation: when few
-            configurations are left, they run on so many instances at once. 0 means one instance in each rung.
+        rung: Experiments in each rung of a generation, as a part of the newcomers of a later generation, rounded to
+            whole instances: where there are few configurations, they run on several. 0 means one instance in each rung.
         confirmation: Part of the budget that is reserved for the confirmation of the winner.
 
     Raises:
@@ -75,7 +76,7 @@ class HalvingOptions:
 
 
 class _Rung(NamedTuple):
-    """A step of a generation: configurations run on new instances, and the worse half is dropped."""
+    """A step of a generation: so many configurations run on new instances, and the worse half is dropped."""
 
     n: int
     n_instances: int
@@ -84,8 +85,9 @@ class _Rung(NamedTuple):
 class Halving(Optimizer):
     """A race by halving over a space.
 
-    In each generation, elites and newcomers run on a new instance, and the worse half is dropped; the others run on the
-    next ones, and so on. At the end, the best elites of all generations run on new instances to confirm the winner.
+    In each generation, elites and newcomers run on a new instance, or few of them on several, and the worse half is
+    dropped; the others run on the next ones, and so on. At the end, the best elites of all generations run on new
+    instances to confirm the winner.
 
     Args:
         space, budget, seed: As `Optimizer`.
@@ -119,7 +121,7 @@ class Halving(Optimizer):
         self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
         self._alive: list[int] = []  # of the current generation, while it runs
         self._next = _Rung(0, 0)  # what comes after the current rung
-        self._best: Elite | None = None  # of the current generation, after its first instance
+        self._best: Elite | None = None  # of the current generation, after its first rung
         self._n_seen = 0  # instances
         self._n_iterations = 0
 
@@ -158,19 +160,21 @@ class Halving(Optimizer):
             self._iteration += 1
             self._n_iterations = self._iteration + max(left // self._n_experiments(len(elites) + size) - 1, 0)
             children = self._newcomers.later(n, elites, surrogate=self.options.surrogate, generator=self._generator)
-            if not children:
+            n = self._n_affordable(len(children), left)  # fewer may take more experiments, as instances are whole
+            if n == 0:
                 self._iteration -= 1  # nothing has run in this one
-                self.stop_reason = "no configuration was found that has not run"
+                self.stop_reason = _NO_BUDGET if children else "no configuration was found that has not run"
                 break
+            children = children[:n]
             yield from self._generation(elites, self.history.add(children))
         else:
-            self.stop_reason = "the budget left is too small for another generation"
+            self.stop_reason = _NO_BUDGET
         self._n_iterations = self._iteration
         yield from self._confirm()
 
     def _first_children(self, max_experiments: int) -> list[Child]:
         n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
-        while n > 2 and self._n_experiments(n) > max_experiments:  # small generations take more than two for each
+        while n > 2 and self._n_experiments(n) > max_experiments:  # few configurations take more than two for each
             n -= 1
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
@@ -178,6 +182,8 @@ class Halving(Optimizer):
         children = self._newcomers.first(n, self._initial, simple=self.options.simple, generator=self._generator)
         if len(children) < 2:
             raise RaceError("space: expected several different configurations to be allowed, found one")
+        while len(children) > 2 and self._n_experiments(len(children)) > max_experiments:
+            del children[-1]
         return children
 
     def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:

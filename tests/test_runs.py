@@ -233,7 +233,7 @@ class TestResume:
             ("mission.yaml", "robots: 2", "robots: 3", "mission_digest: raced with"),
             ("robot_model.yaml", "mass: ", "mass: 1", "robot_model_digest: raced with"),
             ("provenance.json", '"kernels": "', '"kernels": "0', "kernels: raced with 0"),
-            ("provenance.json", '"rung": 0.75,', "", "options.rung: raced with nothing by"),
+            ("provenance.json", '"options": {', '"options": {"nu": 1,', "found nothing in mercator_design"),
             (
                 "provenance.json",
                 '"seed": 1',

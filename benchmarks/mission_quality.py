@@ -40,6 +40,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from benchmarks.race_results import Race, Row, results
 from benchmarks.two_samples import interval_of_share, mann_whitney, share_above, van_elteren
 from mercator_design import seeds
+from mercator_design.api import fresh_instances
 from mercator_design.config import shipped
 from mercator_design.config.writing import dump
 from mercator_design.designer import mission_space
@@ -131,15 +132,13 @@ class MissionProblem:
 
     def fresh_scores(self, pfsm: Pfsm) -> np.ndarray:
         """The scores of a PFSM on the instances that no race has."""
-        return np.array(
-            [self._simulator.run(pfsm, seeds.instance_seed(0, "evaluation", k)).score for k in range(FRESH)]
-        )
+        return np.array([self._simulator.run(pfsm, seed).score for seed in fresh_instances(0, FRESH)])
 
     def random_scores(self) -> np.ndarray:
         """Random configurations, each on an instance of its own."""
         draws = seeds.generator(0, "random configurations")
         randoms = [self.space.build(lambda p, b: p.quantile(draws.random(), b)) for _ in range(RANDOM)]
-        return np.array([self._score(c, seeds.instance_seed(0, "evaluation", k)) for k, c in enumerate(randoms)])
+        return np.array([self._score(*one) for one in zip(randoms, fresh_instances(0, RANDOM), strict=True)])
 
     def _score(self, configuration: Configuration, seed: int) -> float:
         return self._simulator.run(to_pfsm(configuration, self._flavour), seed).score
@@ -157,7 +156,7 @@ class Comparison(NamedTuple):
     share: float
     low: float
     high: float
-    p: float  # corrected
+    p: float  # by Mann-Whitney's test; in a table of missions corrected by Holm
 
     @property
     def share_text(self) -> str:

@@ -174,17 +174,14 @@ class Halving(Optimizer):
 
     def _first_children(self, max_experiments: int) -> list[Child]:
         n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
-        while n > 2 and self._n_experiments(n) > max_experiments:  # few configurations take more than two for each
-            n -= 1
+        n = self._n_first(n, max_experiments)
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
         self._iteration = 1
         children = self._newcomers.first(n, self._initial, simple=self.options.simple, generator=self._generator)
         if len(children) < 2:
             raise RaceError("space: expected several different configurations to be allowed, found one")
-        while len(children) > 2 and self._n_experiments(len(children)) > max_experiments:
-            del children[-1]
-        return children
+        return children[: self._n_first(len(children), max_experiments)]
 
     def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:
         """Run elites and newcomers on new instances; drop the worse half after each rung, until a few are left."""
@@ -264,6 +261,10 @@ class Halving(Optimizer):
     def _n_experiments(self, n: int) -> int:
         """The experiments of a generation that begins with n configurations."""
         return sum(rung.n * rung.n_instances for rung in self._rungs(n)[:-1])
+
+    def _n_first(self, size: int, left: int) -> int:
+        """The largest number of configurations, up to a size, for the first generation with a budget; 2 at least."""
+        return next((n for n in range(size, 2, -1) if self._n_experiments(n) <= left), 2)
 
     def _n_affordable(self, size: int, left: int) -> int:
         """The largest number of newcomers, up to a size, for a generation with a budget; 0 if it is too small."""

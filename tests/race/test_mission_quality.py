@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
-from benchmarks import mission_quality, race_results
+from benchmarks import mission_quality, published_designs, race_results
 from benchmarks.race_results import Race, fingerprint, results
 from benchmarks.two_samples import interval_of_share, van_elteren
 from mercator_design.race import Space
@@ -119,6 +119,18 @@ def test_what_was_measured_badly_is_no_headroom(near):
         ]
         (verdict,) = (line for line in mission_quality.report(mission_quality.Table(rows), "irace") if "beside" in line)
         assert f"({found} with headroom)" in verdict
+
+
+def test_designs_beside_published_ones(near, monkeypatch, capsys):
+    """The published ones score 0.5; a race finds an x near 1."""
+    monkeypatch.setattr(published_designs, "problem", Near)
+    monkeypatch.setattr(Near, "fresh_scores", lambda self, pfsm: np.array([0.4, 0.6]), raising=False)
+    arguments = ["--missions", "aggregation", "--budget", "60", "--seeds", "3", "--method", "irace"]
+    monkeypatch.setattr(sys, "argv", ["published_designs.py", *arguments])
+    published_designs.main()
+    row = capsys.readouterr().out.splitlines()[-1]
+    assert row.startswith("| aggregation | 0.5 (0.5 to 0.5) [10] | 0.9")
+    assert "[3] | 1.00 (1.00 to 1.00) | 0." in row
 
 
 def test_van_elteren_s_test_is_mann_whitney_s_on_one_problem():

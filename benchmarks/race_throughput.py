@@ -1,8 +1,9 @@
 """Experiments a second of whole races, against the limit of their engine.
 
-The limit is cores / CPU time of the compiled loop of an experiment, with as many cores as jobs. For each race:
+The limit is cores / CPU time of compiled loops in an experiment (of the simulation, and of the objective if it has
+one), with as many cores as jobs. For each race:
 
-    ms         CPU of the race for an experiment, and of the compiled loop in it
+    ms         CPU of the race for an experiment, and of compiled loops in it
     compiled   part of the CPU that is in compiled loops
     of limit   experiments a second of wall time / limit
     idle       part of the workers' wall time in which they had no experiment
@@ -36,6 +37,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
@@ -43,7 +45,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design import seeds
+from mercator_design import jit, seeds
 from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import parameters_text
@@ -55,8 +57,6 @@ from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.race.running.task import Problem
-from mercator_design.sim import simulate
-from mercator_design.sim.kernels import kernel
 from mercator_design.sim.simulate import Simulator
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ class Spent(NamedTuple):
     """What an experiment took."""
 
     process: int
-    in_loop: float  # CPU of the compiled loop [s]
+    in_loop: float  # CPU of compiled loops [s]
     cpu: float  # of the thread [s]
     wall: float  # [s]
     total: float  # CPU of the whole process until then [s]
@@ -82,28 +82,24 @@ class _Loops(threading.local):
 _LOOPS = _Loops()
 
 
+@cache
 def time_loops() -> None:
-    """From now on count the CPU time of compiled loops in this process, for each thread."""
-    compiled = simulate.compiled  # type: ignore[attr-defined]
-    if getattr(compiled, "is_timed", False):
-        return
+    """From now on count the CPU time of compiled code in this process, for each thread."""
 
-    def timed(function: Callable[..., Any]) -> Callable[..., Any]:
-        run = compiled(function)
-        if function is not kernel.experiment:
-            return run
-
-        def loop(*arguments: Any) -> None:
+    def timed(entry: Callable[..., Any]) -> Callable[..., Any]:
+        def loop(*arguments: Any) -> Any:
             start = time.thread_time()
             try:
-                run(*arguments)
+                return entry(*arguments)
             finally:
                 _LOOPS.seconds += time.thread_time() - start
 
         return loop
 
-    timed.is_timed = True  # type: ignore[attr-defined]
-    simulate.compiled = timed  # type: ignore[attr-defined, assignment]
+    usual = jit._compile  # noqa: SLF001 - nothing in the package should know of this clock
+    jit._compile = lambda function: timed(usual(function))  # noqa: SLF001
+    for function, entry in jit._compiled.items():  # noqa: SLF001
+        jit._compiled[function] = timed(entry)  # noqa: SLF001
 
 
 @dataclass(frozen=True)
@@ -212,6 +208,7 @@ def measure(mission: str, method: str, kind: str, jobs: int, budget: int) -> Thr
     """Run a race and print its row."""
     simulator = Simulator(load_mission(mission))
     simulator.rehearse(announce=lambda _: None)
+    time_loops()
     designer = Designer(simulator, budget=budget, seed=1, method=method)
     with executor_of(kind, jobs) as executor:
         for _ in executor.run(designer.function, [(ANY, k) for k in range(4 * jobs)]):  # workers load the kernels

@@ -489,7 +489,7 @@ class TestInitial:
         assert len(race.ask()) == 80
         assert race.configurations[0] == best
         run(race)
-        assert mixed_cost(race.configurations[race.best.configuration]) < 0.1
+        assert mixed_cost(race.configurations[race.best.configuration]) < 0.2
 
     def test_too_many_are_noted(self):
         initial = [{"x": k / 100, "n": 30, "size": "10", "rule": "slow"} for k in range(100)]
@@ -505,7 +505,7 @@ class TestInitial:
 
 class TestStructure:
     def test_the_first_generation_is_simple_and_canonical(self):
-        """70 % are simple; a Sobol sequence gives the others."""
+        """70 % are simple; a Latin hypercube gives the others."""
         race = Halving(Space(OF_PAIRS, structure=Pairs(n_simple=30)), budget=500, seed=1)
         n = len(race.ask())
         assert n == 100

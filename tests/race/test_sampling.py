@@ -7,7 +7,14 @@ from scipy.stats import truncnorm
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.model import SamplingModel
-from mercator_design.race.methods.sampling import similar, sobol_sample, truncated_normal, truncated_normal_value
+from mercator_design.race.methods.sampling import (
+    even_sample,
+    latin_hypercube,
+    similar,
+    sobol_sequence,
+    truncated_normal,
+    truncated_normal_value,
+)
 from tests.race.spaces import machines_text
 
 
@@ -66,7 +73,7 @@ def machines():
 def test_all_sampled_machines_are_valid(machines):
     """From the Sobol sequence and through four generations of the model, with soft restarts."""
     generator = np.random.default_rng(5)
-    configurations = sobol_sample(machines, 200, generator, nothing)
+    configurations = even_sample(machines, 200, generator, nothing, sobol_sequence)
     assert len({machines.key(c) for c in configurations}) == 200
     model = SamplingModel(machines)
     ranked = list(range(9))
@@ -98,23 +105,24 @@ def test_a_dependent_domain_of_one_value_gives_it():
     assert all(0 < c["m"] < c["n"] for c in drawn if c["n"] > 0)
 
 
-def test_the_first_sample_is_even_and_different():
+@pytest.mark.parametrize("points", [sobol_sequence, latin_hypercube])
+def test_the_first_sample_is_even_and_different(points):
     space = Space([real("x", 0, 1), categorical("c", ["a", "b", "c", "d"])])
-    sample = sobol_sample(space, 64, np.random.default_rng(1), nothing)
+    sample = even_sample(space, 64, np.random.default_rng(1), nothing, points)
     assert [sum(c["c"] == value for c in sample) for value in "abcd"] == [16] * 4
     assert np.histogram([c["x"] for c in sample], bins=16, range=(0, 1))[0].tolist() == [4] * 16
 
 
 def test_a_small_space_gives_fewer_first_configurations():
     space = Space([categorical("a", [1, 2]), categorical("b", [1, 2, 3])])
-    sample = sobol_sample(space, 50, np.random.default_rng(1), nothing)
+    sample = even_sample(space, 50, np.random.default_rng(1), nothing, sobol_sequence)
     assert len({space.key(c) for c in sample}) == len(sample) == 6
 
 
 def test_what_is_excluded_is_not_sampled():
     space = Space([integer("n", 1, 100), categorical("c", [1, 2])], forbidden=["n > 50"])
     generator = np.random.default_rng(1)
-    sample = sobol_sample(space, 20, generator, space.is_forbidden)
+    sample = even_sample(space, 20, generator, space.is_forbidden, sobol_sequence)
     model = SamplingModel(space)
     model.initialise({0: {"n": 50, "c": "1"}})
     drawn = [c for c, _ in model.sample(200, [0], generator, space.is_forbidden)]
@@ -126,7 +134,7 @@ def test_what_is_excluded_is_not_sampled():
 def test_an_error_when_nothing_is_allowed():
     space = Space([integer("n", 1, 100)], forbidden=["n > 0"])
     with pytest.raises(RaceError, match="all that were sampled are forbidden"):
-        sobol_sample(space, 20, np.random.default_rng(1), space.is_forbidden)
+        even_sample(space, 20, np.random.default_rng(1), space.is_forbidden, sobol_sequence)
     model = SamplingModel(space)
     model.initialise({0: {"n": 50}})
     with pytest.raises(RaceError, match="expected 5 allowed configurations within 100 rounds, found 0"):

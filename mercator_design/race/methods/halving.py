@@ -40,7 +40,7 @@ class HalvingOptions:
     Args:
         first: Part of the budget for the first generation.
         simple: Part of the first generation that are simple configurations of the space's structure, if it has one; a
-            Sobol sequence gives the others.
+            Latin hypercube gives the others.
         surrogate: Part of later newcomers that a surrogate proposes; the others are neighbours of elites.
         structure: Whether newcomers are in canonical form, and neighbours are moves in the space's structure, if it has
             one.

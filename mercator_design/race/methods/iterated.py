@@ -10,7 +10,7 @@ from dataclasses import replace
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.methods.sampling import similar, sobol_sample
+from mercator_design.race.methods.sampling import even_sample, similar, sobol_sequence
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates
@@ -134,11 +134,12 @@ class IteratedRace(Optimizer):
         present = {self.space.key(configuration) for configuration in initial}
         sampled: list[Configuration] = []
         if len(initial) < n:
-            sampled = sobol_sample(
+            sampled = even_sample(
                 self.space,
                 n - len(initial),
                 self._generator("sampling"),
                 lambda c: self.history.is_excluded(c) or self.space.key(c) in present,
+                sobol_sequence,
             )
         self._limit_survivors(len(initial + sampled))
         numbers = self.history.add([(configuration, None) for configuration in initial + sampled])

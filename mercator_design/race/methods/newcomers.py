@@ -7,7 +7,7 @@ from numpy.random import Generator
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.moves import Moves
 from mercator_design.race.methods.proposals import Proposer
-from mercator_design.race.methods.sampling import sobol_sample
+from mercator_design.race.methods.sampling import even_sample, latin_hypercube
 from mercator_design.race.racing.history import Key, RaceHistory
 from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.parameter import Configuration
@@ -39,7 +39,7 @@ class Newcomers:
     def first(
         self, n: int, initial: Sequence[Configuration], *, simple: float, generator: Callable[[str], Generator]
     ) -> list[Child]:
-        """Up to n configurations without parents: given ones, simple ones, and those of a Sobol sequence.
+        """Up to n configurations without parents: given ones, simple ones, and those of a Latin hypercube.
 
         Args:
             n: Maximum number.
@@ -48,15 +48,19 @@ class Newcomers:
             generator: Returns the generator of a purpose.
 
         Raises:
-            RaceError: All configurations of the sequence are excluded, and there are no others.
+            RaceError: All configurations of the hypercube are excluded, and there are no others.
         """
         found = _Different(self._space, self._is_possible)
         found.add((one, None) for one in initial[:n])
         found.add(self._simple(len(found.children) + round(simple * (n - len(found.children))), found, generator))
         if (n_left := n - len(found.children)) > 0:
             try:
-                sampled = sobol_sample(
-                    self._space, n_left, generator("sampling"), lambda one: not found.accepts(self._canonical(one))
+                sampled = even_sample(
+                    self._space,
+                    n_left,
+                    generator("sampling"),
+                    lambda one: not found.accepts(self._canonical(one)),
+                    latin_hypercube,
                 )
             except RaceError:
                 if not found.children:

@@ -1,31 +1,33 @@
 """The first configurations, draws from a truncated normal distribution, and similar configurations.
 
-The first configurations are a scrambled Sobol sequence, mapped by `Parameter.quantile` (irace's generation.R). It
-covers the unit interval of each parameter evenly, for all kinds of parameters.
+The first configurations are points that cover the unit interval of each parameter evenly, mapped by
+`Parameter.quantile`, for all kinds of parameters (irace's generation.R).
 """
 
 import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy import special
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.parameter import Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
 
 Floats = NDArray[np.float64]
+Points = Callable[[int, int, Generator], Floats]
+"""A function of the number of points, the number of dimensions and a generator."""
 
 _MAX_SOBOL_DIMENSIONS = 21201
 """Limit of scipy's direction numbers."""
 
 
-def sobol_sample(
-    space: Space, n: int, generator: Generator, excluded: Callable[[Configuration], bool]
+def even_sample(
+    space: Space, n: int, generator: Generator, excluded: Callable[[Configuration], bool], points: Points
 ) -> list[Configuration]:
-    """Up to n different configurations, spread evenly over the space by a scrambled Sobol sequence.
+    """Up to n different configurations, spread evenly over the space.
 
     Inactive parameters have coordinates, too, so fewer than n configurations may be different. Then a larger sample
     is drawn once, as in irace.
@@ -33,20 +35,37 @@ def sobol_sample(
     Args:
         space: The space to sample.
         n: Maximum number.
-        generator: Scrambles the sequence.
+        generator: Draws the points.
         excluded: Returns True for a configuration that must not be sampled.
+        points: `sobol_sequence` or `latin_hypercube`.
 
     Raises:
         RaceError: All sampled configurations are excluded.
     """
-    found = _different(space, _even_points(space.n_variable, n, generator), excluded)
+    found = _different(space, points(n, space.n_variable, generator), excluded)
     if len(found) < n:
         have = len(found)
         larger = max(math.ceil(n + (n - have) * (2 - have / n)), min(5 * space.n_variable, 100))
-        found = _different(space, _even_points(space.n_variable, larger, generator), excluded)
+        found = _different(space, points(larger, space.n_variable, generator), excluded)
     if not found:
         raise RaceError("first configurations: expected some to be allowed, but all that were sampled are forbidden")
     return found[:n]
+
+
+def sobol_sequence(n: int, d: int, generator: Generator) -> Floats:
+    """The first n points of a scrambled Sobol sequence in d dimensions, shape (n, d); irace's first configurations."""
+    if d > _MAX_SOBOL_DIMENSIONS:
+        return generator.random((n, d))
+    from scipy.stats.qmc import Sobol  # slow: half a second
+
+    points: Floats = Sobol(d, scramble=True, seed=generator).random_base2(math.ceil(math.log2(n)))
+    return points[:n]
+
+
+def latin_hypercube(n: int, d: int, generator: Generator) -> Floats:
+    """Points of shape (n, d): in each dimension, one in each of n equal intervals (McKay et al. 1979)."""
+    intervals = generator.permuted(np.tile(np.arange(n), (d, 1)), axis=1)
+    return ((intervals + generator.random((d, n))) / n).T
 
 
 def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations: Floats | float) -> Floats:
@@ -58,10 +77,10 @@ def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations
         is_low = np.less(means, 0)  # mirrored, because only lower tails are exact
         centres = np.where(is_low, np.subtract(1, means), means)
         uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
-        below = scipy.special.ndtr(-centres / deviations)
-        above = scipy.special.ndtr((1 - centres) / deviations)
+        below = special.ndtr(-centres / deviations)
+        above = special.ndtr((1 - centres) / deviations)
         values = np.where(
-            above > below, centres + deviations * scipy.special.ndtri(below + uniforms * (above - below)), centres
+            above > below, centres + deviations * special.ndtri(below + uniforms * (above - below)), centres
         )
     values = np.where(is_low, 1 - values, values)
     return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
@@ -73,8 +92,8 @@ def truncated_normal_value(uniform: float, mean: float, deviation: float) -> flo
         return uniform
     if mean < 0:  # mirrored, because only lower tails are exact
         return 1 - truncated_normal_value(1 - uniform, 1 - mean, deviation)
-    below, above = scipy.special.ndtr(-mean / deviation), scipy.special.ndtr((1 - mean) / deviation)
-    value = mean + deviation * scipy.special.ndtri(below + uniform * (above - below)) if above > below else mean
+    below, above = special.ndtr(-mean / deviation), special.ndtr((1 - mean) / deviation)
+    value = mean + deviation * special.ndtri(below + uniform * (above - below)) if above > below else mean
     return float(min(max(value, 0.0), 1.0))
 
 
@@ -117,15 +136,6 @@ def _place(parameter: Parameter, configuration: Configuration) -> float:
         return math.nan
     low, high = bounds
     return (float(value) - low) / (high - low) if high > low else 0.0
-
-
-def _even_points(d: int, n: int, generator: Generator) -> Floats:
-    if d > _MAX_SOBOL_DIMENSIONS:
-        return generator.random((n, d))
-    from scipy.stats.qmc import Sobol
-
-    points: Floats = Sobol(d, scramble=True, seed=generator).random_base2(math.ceil(math.log2(n)))
-    return points[:n]
 
 
 def _different(space: Space, points: Floats, excluded: Callable[[Configuration], bool]) -> list[Configuration]:

@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import special
 
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.racing.summary import Scores
@@ -34,7 +34,7 @@ def paired_p_value(differences: ArrayLike) -> float:
     error = float(values.std(ddof=1)) / math.sqrt(len(values))
     if error == 0:
         return 0.0 if values[0] else 1.0
-    return float(2 * special.stdtr(len(values) - 1, -abs(float(values.mean())) / error))
+    return float(2 * scipy.special.stdtr(len(values) - 1, -abs(float(values.mean())) / error))
 
 
 def worse_p_value(differences: ArrayLike, margin: float) -> float:
@@ -48,7 +48,7 @@ def worse_p_value(differences: ArrayLike, margin: float) -> float:
     error = float(values.std(ddof=1)) / math.sqrt(len(values))
     if error == 0:
         return 0.0 if values[0] < margin or values[0] <= 0.0 else 1.0
-    return float(special.stdtr(len(values) - 1, (float(values.mean()) - margin) / error))
+    return float(scipy.special.stdtr(len(values) - 1, (float(values.mean()) - margin) / error))
 
 
 def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K]] | None = None) -> list[Pair]:

@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy import special
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.parameter import Configuration, Parameter, Value
@@ -77,10 +77,10 @@ def truncated_normal(uniforms: Floats | float, means: Floats | float, deviations
         is_low = np.less(means, 0)  # mirrored, because only lower tails are exact
         centres = np.where(is_low, np.subtract(1, means), means)
         uniforms = np.where(is_low, np.subtract(1, uniforms), uniforms)
-        below = special.ndtr(-centres / deviations)
-        above = special.ndtr((1 - centres) / deviations)
+        below = scipy.special.ndtr(-centres / deviations)
+        above = scipy.special.ndtr((1 - centres) / deviations)
         values = np.where(
-            above > below, centres + deviations * special.ndtri(below + uniforms * (above - below)), centres
+            above > below, centres + deviations * scipy.special.ndtri(below + uniforms * (above - below)), centres
         )
     values = np.where(is_low, 1 - values, values)
     return np.where(np.isnan(means), uniforms, np.clip(values, 0.0, 1.0))
@@ -92,8 +92,8 @@ def truncated_normal_value(uniform: float, mean: float, deviation: float) -> flo
         return uniform
     if mean < 0:  # mirrored, because only lower tails are exact
         return 1 - truncated_normal_value(1 - uniform, 1 - mean, deviation)
-    below, above = special.ndtr(-mean / deviation), special.ndtr((1 - mean) / deviation)
-    value = mean + deviation * special.ndtri(below + uniform * (above - below)) if above > below else mean
+    below, above = scipy.special.ndtr(-mean / deviation), scipy.special.ndtr((1 - mean) / deviation)
+    value = mean + deviation * scipy.special.ndtri(below + uniform * (above - below)) if above > below else mean
     return float(min(max(value, 0.0), 1.0))
 
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
@@ -42,7 +42,7 @@ def is_better(costs: Mapping[int, float], earlier: Mapping[int, float]) -> bool:
     n = len(gains)
     if n < 2:
         return False
-    return bool(gains.mean() > special.stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
+    return bool(gains.mean() > scipy.special.stdtrit(n - 1, 1 - _ALPHA) * gains.std(ddof=1) / math.sqrt(n))
 
 
 def _is_lower(costs: Floats, earlier: Floats) -> bool:
@@ -55,7 +55,7 @@ def _is_lower(costs: Floats, earlier: Floats) -> bool:
     if variance == 0:
         return gain > 0
     freedom = variance**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (costs, earlier), strict=True))
-    return bool(gain > special.stdtrit(freedom, 1 - _ALPHA) * math.sqrt(variance))
+    return bool(gain > scipy.special.stdtrit(freedom, 1 - _ALPHA) * math.sqrt(variance))
 
 
 def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | None:
@@ -76,7 +76,7 @@ def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | Non
     if (np.ptp(table, axis=1) == 0).all():
         return math.nan, 1.0
     kendall = concordance(table).kendall
-    return kendall, float(special.chdtrc(k - 1, n * (k - 1) * kendall))
+    return kendall, float(scipy.special.chdtrc(k - 1, n * (k - 1) * kendall))
 
 
 def judged(

@@ -6,7 +6,7 @@ For two: Wilcoxon's signed-rank test. The alternative to both is the paired t-te
 or Holm's correction or without correction.
 
 Costs are minimised. A table of costs has shape (instances, configurations). Only `scipy.special` is used of scipy,
-because `scipy.stats` is slow to import.
+because it is quick to import (scipy does it at the first use).
 """
 
 import math
@@ -15,8 +15,8 @@ from functools import cache, partial
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 TestName = Literal["friedman", "t-test", "t-test-holm", "t-test-bonferroni"]
 Floats = NDArray[np.float64]
@@ -159,12 +159,12 @@ def _friedman(costs: Floats, alpha: float) -> Verdict:
     if span <= 0:  # all costs of each instance are equal
         return Verdict(np.ones(k, dtype=bool), sums, best, math.nan)
     statistic = 12 * ((sums - n * (k + 1) / 2) ** 2).sum() / span
-    p_value = float(special.chdtrc(k - 1, statistic))
+    p_value = float(scipy.special.chdtrc(k - 1, statistic))
     if not p_value < alpha:
         return Verdict(np.ones(k, dtype=bool), sums, best, p_value)
     freedom = (n - 1) * (k - 1)
     within = max(n * (ranks * ranks).sum() - (sums * sums).sum(), 0.0)
-    critical = special.stdtrit(freedom, 1 - alpha / 2) * math.sqrt(2 * within / freedom)
+    critical = scipy.special.stdtrit(freedom, 1 - alpha / 2) * math.sqrt(2 * within / freedom)
     return Verdict(sums - sums[best] <= critical, sums, best, p_value)
 
 
@@ -184,7 +184,7 @@ def _wilcoxon(costs: Floats, alpha: float) -> Verdict:
         centred = statistic - n * (n + 1) / 4
         sigma = math.sqrt(n * (n + 1) * (2 * n + 1) / 24 - ties / 48)
         z = (centred - math.copysign(0.5, centred) * (centred != 0)) / sigma
-        p_value = min(1.0, 2 * float(special.ndtr(-abs(z))))
+        p_value = min(1.0, 2 * float(scipy.special.ndtr(-abs(z))))
     pairs = np.add.outer(differences, differences)[np.tril_indices(n)]
     return _duel(0 if np.median(pairs) <= 0 else 1, p_value, dropped=p_value < alpha)
 
@@ -230,7 +230,7 @@ def _t_test(costs: Floats, alpha: float, *, adjust: Callable[[Floats], Floats]) 
     errors = differences.std(axis=0, ddof=1) / math.sqrt(n)
     p_values = np.zeros(k)
     tested = comparable & (errors > 0)
-    p_values[tested] = 2 * special.stdtr(n - 1, -np.abs(differences.mean(axis=0)[tested] / errors[tested]))
+    p_values[tested] = 2 * scipy.special.stdtr(n - 1, -np.abs(differences.mean(axis=0)[tested] / errors[tested]))
     p_values[gaps <= _SAME_MEANS] = 1.0
     p_values = adjust(p_values)
     return Verdict(p_values >= alpha, _row_ranks(means), best, float(p_values.min()))

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from mercator_design.race.racing.statistics import Concordance
 
@@ -91,7 +91,7 @@ class Scores:
         if self.standard_deviation is None:
             return None
         n = len(self.values)
-        half = float(special.stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
+        half = float(scipy.special.stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
         return self.mean - half, self.mean + half
 
     @property

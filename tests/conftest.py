@@ -12,6 +12,7 @@ from hypothesis import settings
 from mercator_design import jit
 from mercator_design.cli import main
 from mercator_design.missions import plugins
+from mercator_design.race.running.executors import available_jobs
 
 # A first example may compile a kernel, so its time says nothing.
 settings.register_profile("project", deadline=None)
@@ -53,14 +54,20 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_xdist_auto_num_workers():
+    """One more than processors: tests that depend on real time mostly wait."""
+    return available_jobs() + 1
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """Tests that depend on real time do not compete with each other for processors."""
+    """Tests that depend on real time do not compete with each other for processors; they take longest and begin."""
     for item in items:
         if item.get_closest_marker("timing"):
             item.add_marker(pytest.mark.xdist_group("timing"))
         elif together := item.get_closest_marker("together"):
             item.add_marker(pytest.mark.xdist_group(*together.args or [item.path.stem]))
+    items.sort(key=lambda item: not item.get_closest_marker("timing"))
 
 
 @pytest.fixture

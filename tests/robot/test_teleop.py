@@ -16,6 +16,7 @@ import threading
 import time
 import tty
 from pathlib import Path
+from time import sleep  # of real time: fixtures replace time.sleep
 from types import SimpleNamespace
 
 import pytest
@@ -252,7 +253,7 @@ class SimulatedDrive:
         end = time.perf_counter() + LIMIT
         while self._waiting() < before + len(data):
             assert time.perf_counter() < end
-            os.sched_yield()
+            sleep(1e-4)
 
     def hold(self, data=b"w"):
         """A key is held from now on."""

@@ -38,7 +38,7 @@ from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
-from mercator_design.sim.checks.no_effect import is_of_use
+from mercator_design.sim.checks.no_effect import can_fire, is_of_use
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import write_text
@@ -262,8 +262,8 @@ def header_of(simulator: Simulator) -> dict[str, str]:
 
 def mission_space(simulator: Simulator, flavour: str) -> Space:
     """All PFSMs of a flavour, for races on a mission."""
-    usable = partial(is_of_use, simulator.mission, simulator.robot_model)
-    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour, usable))
+    usable, fires = (partial(one, simulator.mission, simulator.robot_model) for one in (is_of_use, can_fire))
+    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour, usable, fires))
 
 
 @cache

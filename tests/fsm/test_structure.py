@@ -6,12 +6,14 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure, canonical, neighbour
 from mercator_design.race import parse_space
 from tests.fsm.strategies import pfsms
 
+GREEN, BLUE = (float(COLOUR_LABELS.index(name)) for name in ("green", "blue"))
 SPACE = parse_space(parameters_text("watermelon"))
 
 
@@ -79,6 +81,58 @@ def test_neighbours_are_configurations_of_the_grammar_and_all_moves_are_made():
         edges = [sum(len(state.transitions) for state in one.states) for one in (pfsm, other)]
         changes.add((np.sign(len(other.states) - len(pfsm.states)), np.sign(edges[1] - edges[0])))
     assert {(0, 0), (0, 1), (0, -1), (1, 1), (-1, -1)} <= changes
+
+
+def no_white_and_no_green(module, parameters):
+    """Whether a condition fires on a floor without these colours."""
+    return module.name != "white floor" and (module.name != "floor colour" or parameters[1] != GREEN)
+
+
+class TestWhatCannotFire:
+    STRUCTURE = PfsmStructure("watermelon", can_fire=no_white_and_no_green)
+
+    def canonical(self, *states):
+        return to_pfsm(self.STRUCTURE.canonical(from_pfsm(Pfsm(states))), "watermelon").states
+
+    def test_it_is_dropped_with_the_states_that_only_it_leads_to(self):
+        white, green = Transition("white floor", (0.5,), 1), Transition("floor colour", (0.5, GREEN), 1)
+        black, blue = Transition("black floor", (0.5,), 2), Transition("floor colour", (0.5, BLUE), 0)
+        seen = State("attraction", (2.0,), (blue,))
+        never = State("stop", (), (Transition("black floor", (0.5,), 0),))
+        found = self.canonical(State("exploration", (10.0,), (white, black, green)), never, seen)
+        assert found == (State("exploration", (10.0,), (replace(black, target=1),)), seen)
+
+    def test_an_initial_state_that_is_never_left_is_the_whole_machine(self):
+        explore = State("exploration", (10.0,), (Transition("white floor", (0.5,), 1),))
+        assert self.canonical(explore, State("stop", (), (Transition("black floor", (0.5,), 0),))) == (
+            State("exploration", (10.0,)),
+        )
+
+    def test_another_state_that_is_never_left_keeps_one_to_the_initial_state(self):
+        """In the grammar, each state of several has a transition."""
+        explore = State("exploration", (10.0,), (Transition("black floor", (0.5,), 1),))
+        white, green = Transition("white floor", (0.5,), 2), Transition("floor colour", (0.5, GREEN), 0)
+        third = State("attraction", (2.0,), (Transition("black floor", (0.5,), 0),))
+        assert self.canonical(explore, State("stop", (), (white, green)), third) == (
+            explore,
+            State("stop", (), (green,)),
+        )
+        assert self.canonical(explore, State("stop", (), (white,)), third) == (
+            explore,
+            State("stop", (), (replace(white, target=0),)),
+        )
+
+    def test_moves_do_not_add_it(self):
+        draws = np.random.default_rng(3)
+        for seed in range(200):
+            found = self.STRUCTURE.neighbour(from_pfsm(random_pfsm(seed)), draws)
+            SPACE.check(found)
+            assert self.STRUCTURE.canonical(found) == found
+            initial, *others = to_pfsm(found, "watermelon").states
+            assert all(no_white_and_no_green(edge.module, edge.parameters) for edge in initial.transitions)
+            for state in others:
+                fires = [no_white_and_no_green(edge.module, edge.parameters) for edge in state.transitions]
+                assert all(fires) or fires == [False]
 
 
 def test_small_turns_change_by_small_steps():

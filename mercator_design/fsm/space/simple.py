@@ -40,8 +40,8 @@ def drawn_values(module: Module, draws: Draws) -> tuple[float, ...]:
     return tuple(value_at(parameter, draws.random()) for parameter in module.parameters)
 
 
-class _Kind(NamedTuple):
-    """A condition, for floor colour with its colour."""
+class Kind(NamedTuple):
+    """A condition; for floor colour, with its colour."""
 
     module: Module
     label: float = 1.0
@@ -58,17 +58,17 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     Numbers are drawn by `drawn_values`.
     """
     behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
-    kinds = [one for one in _kinds(flavour) if usable(one.module, (1.0, one.label))]
+    conditions = [one for one in kinds(flavour) if usable(one.module, (1.0, one.label))]
 
     def state(behaviour: Module, *transitions: Transition) -> State:
         return State(behaviour.name, drawn_values(behaviour, draws), transitions)
 
-    def transition(kind: _Kind, target: int) -> Transition:
+    def transition(kind: Kind, target: int) -> Transition:
         return Transition(kind.module.name, kind.values(draws), target)
 
     states: list[tuple[State, ...]] = [(state(one),) for one in behaviours]
-    for there in kinds:
-        back = [one for one in kinds if one.module.reads == there.module.reads and one != there] or [there]
+    for there in conditions:
+        back = [one for one in conditions if one.module.reads == there.module.reads and one != there] or [there]
         states += [
             (state(_SEARCH, transition(there, 1)), state(one, transition(any_of(back, draws), 0)))
             for one in behaviours
@@ -78,9 +78,10 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     return [Pfsm(states[k], flavour) for k in sorted(range(len(states)), key=keys.__getitem__)]
 
 
-def _kinds(flavour: str) -> Iterator[_Kind]:
+def kinds(flavour: str) -> Iterator[Kind]:
+    """The conditions of a flavour, floor colour once for each colour."""
     for module in modules_of(flavour)[1].values():
         if module.colours:
-            yield from (_Kind(module, float(label)) for label in range(len(COLOUR_LABELS)))
+            yield from (Kind(module, float(label)) for label in range(len(COLOUR_LABELS)))
         else:
-            yield _Kind(module)
+            yield Kind(module)

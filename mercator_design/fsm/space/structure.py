@@ -4,14 +4,14 @@ The grammar numbers states and transitions, so that one PFSM has many configurat
 (drop a state, and lead what led to it to where it led) changes half of the numbers. Here a step is one of the PFSM.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import Value, from_states, modules_of, place_of, to_states, value_at
-from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, simple_machines
+from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, kinds, simple_machines
 
 T = TypeVar("T")
 
@@ -23,28 +23,43 @@ _STEP = 0.15
 """Standard deviation of a small step of a number, as a part of its domain."""
 
 
+def _always(module: Module, parameters: Sequence[float]) -> bool:  # noqa: ARG001 - for any module
+    return True
+
+
 class PfsmStructure:
     """The structure of a flavour's PFSMs, in terms of configurations of the grammar.
 
-    `usable` returns whether a module with some parameters can be of use on a mission; by default all are.
+    Args:
+        flavour: The flavour.
+        usable: Returns whether a module with some parameters can be of use on a mission; by default all are.
+        can_fire: Returns whether a condition with some parameters can fire on a mission. The canonical form has no
+            transitions that cannot, and moves do not draw their conditions.
     """
 
-    def __init__(self, flavour: str, usable: Usable = lambda module, parameters: True) -> None:  # noqa: ARG005
+    def __init__(self, flavour: str, usable: Usable = _always, can_fire: Usable = _always) -> None:
         self._flavour = flavour
         self._usable = usable
+        conditions = list(kinds(flavour))
+        self._dead = {(one.module.name, one.label) for one in conditions if not can_fire(one.module, (1.0, one.label))}
+        firing = {one.module.name for one in conditions if (one.module.name, one.label) not in self._dead}
+        self._conditions = [module for module in modules_of(flavour)[1].values() if module.name in firing]
 
     def simple(self, draws: Draws) -> list[dict[str, Value]]:
         """The configurations of simple machines, in random order."""
-        machines = simple_machines(self._flavour, self._usable, draws)
-        return [from_states(_canonical(one.states), self._flavour) for one in machines]
+        return [self._configuration(one.states) for one in simple_machines(self._flavour, self._usable, draws)]
 
     def canonical(self, configuration: Mapping[str, Value]) -> dict[str, Value]:
-        """The configuration that stands for all whose PFSMs are the same but for the numbering."""
-        return from_states(_canonical(to_states(configuration, self._flavour)), self._flavour)
+        """The configuration that stands for all whose PFSMs are the same but for the numbering and what cannot fire."""
+        return self._configuration(to_states(configuration, self._flavour))
 
     def neighbour(self, configuration: Mapping[str, Value], draws: Draws) -> dict[str, Value]:
         """A configuration whose PFSM is one move or a few away, in canonical form."""
-        return from_states(_neighbour(to_states(configuration, self._flavour), self._flavour, draws), self._flavour)
+        states = _States(to_states(configuration, self._flavour), self._flavour, self._conditions, draws)
+        return self._configuration(states.moved())
+
+    def _configuration(self, states: Sequence[State]) -> dict[str, Value]:
+        return from_states(_canonical(_firing(states, self._dead) if self._dead else states), self._flavour)
 
 
 def canonical(pfsm: Pfsm) -> Pfsm:
@@ -58,15 +73,28 @@ def canonical(pfsm: Pfsm) -> Pfsm:
 
 def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
     """A PFSM that is one move away, or with decreasing probability more, in canonical form."""
-    return replace(pfsm, states=_neighbour(pfsm.states, pfsm.flavour, draws))
+    changed = _States(pfsm.states, pfsm.flavour, tuple(modules_of(pfsm.flavour)[1].values()), draws)
+    return replace(pfsm, states=_canonical(changed.moved()))
 
 
-def _neighbour(states: Sequence[State], flavour: str, draws: Draws) -> tuple[State, ...]:
-    changed = _States(states, flavour, draws)
-    changed.move()
-    while draws.random() < _ANOTHER_MOVE:
-        changed.move()
-    return _canonical(changed.states)
+def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> list[State]:
+    """The states without transitions that cannot fire.
+
+    In the grammar only the state of a PFSM of one state has no transition. So another state of which none can fire
+    keeps one, to the initial state.
+    """
+
+    def fires(edge: Transition) -> bool:
+        return (edge.condition, edge.parameters[-1] if edge.module.colours else 1.0) not in dead
+
+    found = []
+    for i, state in enumerate(states):
+        firing = tuple(filter(fires, state.transitions))
+        if not firing and i > 0 and state.transitions:
+            kept = min(state.transitions, key=lambda edge: (edge.condition, edge.parameters))
+            firing = (replace(kept, target=0),)
+        found.append(state if firing == state.transitions else replace(state, transitions=firing))
+    return found
 
 
 def _canonical(states: Sequence[State]) -> tuple[State, ...]:
@@ -93,12 +121,27 @@ def _canonical(states: Sequence[State]) -> tuple[State, ...]:
 
 
 class _States:
-    """States of a PFSM that are being changed. A move returns whether it was possible."""
+    """States of a PFSM that are being changed. A move returns whether it was possible.
 
-    def __init__(self, states: Sequence[State], flavour: str, draws: Draws) -> None:
+    Args:
+        states: Of the PFSM.
+        flavour: Of its behaviours.
+        conditions: What new conditions are drawn from.
+        draws: Makes all random draws.
+    """
+
+    def __init__(self, states: Sequence[State], flavour: str, conditions: Sequence[Module], draws: Draws) -> None:
         self.states = list(states)
         self._draws = draws
-        self._behaviours, self._conditions = (tuple(table.values()) for table in modules_of(flavour))
+        self._behaviours = tuple(modules_of(flavour)[0].values())
+        self._conditions = conditions
+
+    def moved(self) -> list[State]:
+        """The states after a move, or with decreasing probability more."""
+        self.move()
+        while self._draws.random() < _ANOTHER_MOVE:
+            self.move()
+        return self.states
 
     def move(self) -> None:
         """Make one possible move."""
@@ -138,7 +181,9 @@ class _States:
             return False
         i, j = self._any_of(edges)
         edge = self.states[i].transitions[j]
-        module = self._any_of([m for m in self._conditions if m.name != edge.condition])
+        if not (others := [m for m in self._conditions if m.name != edge.condition]):
+            return False
+        module = self._any_of(others)
         self._put(i, j, replace(edge, condition=module.name, parameters=self._values(module)))
         return True
 

@@ -84,7 +84,12 @@ def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: S
     """Whether a module can make a difference: there is something to sense, and a condition can fire."""
     if ("light" in module.reads and not mission.lights) or ("neighbours" in module.reads and mission.robots == 1):
         return False
-    return module not in CONDITIONS or not _never_fires(mission, model, module, parameters)
+    return module not in CONDITIONS or can_fire(mission, model, module, parameters)
+
+
+def can_fire(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
+    """Whether a condition can fire on the floor of a mission; True if that is not known."""
+    return not _never_fires(mission, model, condition, parameters)
 
 
 def ground_levels(mission: Mission, model: RobotModel) -> list[RGB] | None:

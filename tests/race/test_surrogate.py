@@ -56,6 +56,7 @@ def test_near_numbers_have_near_vectors():
 def test_it_predicts_configurations_that_it_has_not_seen(fitted):
     surrogate, rows, costs = fitted
     mean, spread = surrogate.predict(rows[150:])
+    assert (surrogate.means(rows[150:]) == mean).all()
     assert np.corrcoef(mean, costs[150:])[0, 1] > 0.9
     inside = np.abs(mean - costs[150:]) < 2 * np.hypot(spread, 0.1)
     assert inside.mean() > 0.8

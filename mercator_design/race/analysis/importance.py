@@ -32,8 +32,8 @@ MIN_CONFIGURATIONS = 30
 _MAX_CONFIGURATIONS = 600
 """If there are more, so many are taken evenly, because the time of a fit grows with the cube of their number."""
 _FOLDS = 5
-_FITS = 10
-"""Number of fits of the surrogate; each continues from the one before."""
+_ADAPTATIONS = 10
+"""How often the surrogate adapts to the costs; each time continues from the one before."""
 _SHUFFLES = 20
 _GRID = 7
 """Number of values of a parameter that are tried to find the best one."""
@@ -151,12 +151,13 @@ class _Model:
         self._features = features
         self._middle, self._scale = float(means.mean()), float(means.std()) or 1.0
         self._surrogate = Surrogate(features)
-        rows = features.of(places)
-        for _ in range(_FITS):
-            self._surrogate.fit(rows, (means - self._middle) / self._scale, noise / self._scale**2)
+        known = (features.of(places), (means - self._middle) / self._scale, noise / self._scale**2)
+        for _ in range(_ADAPTATIONS - 1):
+            self._surrogate.adapt(*known)
+        self._surrogate.fit(*known)
 
     def predict(self, places: Floats) -> Floats:
-        found: Floats = self._middle + self._scale * self._surrogate.predict(self._features.of(places))[0]
+        found: Floats = self._middle + self._scale * self._surrogate.means(self._features.of(places))
         return found
 
 

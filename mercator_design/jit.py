@@ -1,4 +1,4 @@
-"""Compiles functions; the only file that uses numba.
+"""Compiles functions; with inlining.py the only file that uses numba.
 
 A kernel is a plain Python function in a small subset of the language (floats, tuples, rows of numbers, `math`), marked
 `@jittable`. The mark does not change the function: Python, and the robot, call it as it is. `compiled` makes the fast
@@ -24,19 +24,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from mercator_design import inlining
 from mercator_design.system import kernel_cache
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
-_INNER: Any = {
-    # Kernels pass tuples of hundreds of numbers; a call that is not inlined copies them all.
-    "forceinline": True,
-    # Only compiled code calls these functions.
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
 _waiting: list[Callable[..., Any]] = []
 _marked: set[Callable[..., Any]] = set()
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
@@ -112,8 +106,8 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
 
     _load_array_functions()
     folder = cache_folder()
-    usual = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options at run time
-    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
+    usual = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder)
     try:
         # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and counting
         # the references to all passed arrays would take two thirds of the time.
@@ -121,7 +115,7 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         entry: Any = numba.njit(**options)(function)
         entry._cache = kernel_cache.keep_whole(entry._cache, _register_waiting)  # noqa: SLF001 - the only way in
     finally:
-        numba.config.CACHE_DIR = usual  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = usual
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
@@ -172,7 +166,7 @@ def announced(announce: Callable[[], None]) -> Iterator[None]:
         return
     from numba.core import event
 
-    class Once(event.Listener):
+    class Once(event.Listener):  # type: ignore[misc]
         is_done = False
 
         def on_start(self, event: object) -> None:
@@ -211,7 +205,7 @@ def kernel_files() -> list[Path]:
     """The source files of compiled code: those of this package, and those of marked functions elsewhere."""
     folders = ("fsm", "missions", "sim")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
-    return [*files, _PACKAGE / "seeds.py", _PACKAGE / "jit.py", *_foreign_sources()]
+    return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit", "inlining")), *_foreign_sources()]
 
 
 def kernels_digest() -> str:
@@ -277,11 +271,11 @@ def _register(function: Callable[..., Any]) -> None:
             return inner(*arguments)
 
         _name(run, "intrinsic", (function,))
-        overload(function, jit_options=_INNER, strict=False)(lambda *arguments: run)
+        overload(function, jit_options=inlining.options(), strict=False)(lambda *arguments: run)
         return
     links = getattr(function, "links", None)
     if links is None:
-        register_jitable(**_INNER)(function)
+        register_jitable(**inlining.options())(function)
         return
 
     chain = _chain(tuple(links))
@@ -290,7 +284,7 @@ def _register(function: Callable[..., Any]) -> None:
         return chain(which, *arguments)
 
     _name(dispatch, "dispatch", links)
-    overload(function, jit_options=_INNER, strict=False)(lambda which, *arguments: dispatch)
+    overload(function, jit_options=inlining.options(), strict=False)(lambda which, *arguments: dispatch)
 
 
 def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
@@ -304,7 +298,7 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
             return head(*arguments)
 
         _name(last, "chain", functions)
-        return cast("Callable[..., Any]", numba.njit(**_INNER)(last))
+        return cast("Callable[..., Any]", numba.njit(**inlining.options())(last))
     tail = _chain(functions[1:])
 
     def link(which: int, *arguments: Any) -> Any:
@@ -313,7 +307,7 @@ def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
         return tail(which - 1, *arguments)
 
     _name(link, "chain", functions)
-    return cast("Callable[..., Any]", numba.njit(**_INNER)(link))
+    return cast("Callable[..., Any]", numba.njit(**inlining.options())(link))
 
 
 def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:

@@ -21,6 +21,7 @@ from mercator_design.system.files import Unreadable, read_small
 
 MAX_FILE_SIZE = 256 * 1024
 MAX_DEPTH = 32
+TOO_DEEP = f"nested more than {MAX_DEPTH} levels deep"
 MAX_INTEGER = 2**63 - 1  # that numpy holds
 MAX_MISTAKES = 20
 """Maximum number of reported mistakes in one text; reading ends with the last of them."""
@@ -115,7 +116,7 @@ def tree_of(data: object, where: str = "", depth: int = 0) -> Node:
         Fault: They are nested too deep.
     """
     if depth > MAX_DEPTH:
-        raise Fault(f"{where}: nested more than {MAX_DEPTH} levels deep")
+        raise Fault(f"{where}: {TOO_DEEP}")
     content: str | list[Node] | dict[str, Node]
     if isinstance(data, dict):
         content = {key: tree_of(item, where, depth + 1) for key, item in data.items()}
@@ -165,7 +166,10 @@ class _Composer:
         try:
             yield from yaml.parse(text, Loader=LOADER)
         except yaml.MarkedYAMLError as error:
-            raise Fault(f"{self._place(error.problem_mark)}: not valid YAML: {error.problem}") from None
+            # The parser of PyYAML 6.0.4 reads ahead, and so may meet its own limit of 1000 levels first.
+            is_deep = error.problem == "exceeded maximum nesting depth"
+            problem = TOO_DEEP if is_deep else f"not valid YAML: {error.problem}"
+            raise Fault(f"{self._place(error.problem_mark)}: {problem}") from None
         except (yaml.YAMLError, UnicodeError) as error:
             reason = getattr(error, "reason", "unreadable characters")
             raise Fault(f"{self.label}: not valid YAML: {reason}") from None
@@ -193,7 +197,7 @@ class _Composer:
     def _node(self, event: _Event, depth: int) -> Node:
         place = self._place(event.start_mark)
         if depth > MAX_DEPTH:
-            raise Fault(f"{place}: nested more than {MAX_DEPTH} levels deep")
+            raise Fault(f"{place}: {TOO_DEEP}")
         is_alias = isinstance(event, yaml.AliasEvent)
         if is_alias or event.anchor is not None:
             self._mistake(place, "anchors and aliases (&, *) are not understood; write the value out")

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from mercator_design.robot.run.service import notify
-from tests.robot.ways import IMPATIENT, SOON, running
+from tests.robot.ways import IMPATIENT, PATIENT, SOON, running
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def drain(manager):
 
 
 def test_a_run_is_ready_alive_in_each_cycle_and_stopping(manager, tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, lead=SOON + PATIENT) as robot:
         assert heard(manager) == {"READY": "1", "STATUS": "mercator runs, log.jsonl"}
         assert [heard(manager) for _ in range(5)] == [{"WATCHDOG": "1"}] * 5
         robot.process.send_signal(signal.SIGTERM)
@@ -51,7 +51,7 @@ def test_a_run_is_ready_alive_in_each_cycle_and_stopping(manager, tmp_path):
 
 
 def test_a_run_that_hangs_is_not_said_to_be_alive(manager, tmp_path):
-    with running(tmp_path, fault="time.sleep(60)") as robot:
+    with running(tmp_path, fault="time.sleep(60)", lead=SOON + PATIENT) as robot:
         robot.drives()
         robot.fault()
         time.sleep(0.1)

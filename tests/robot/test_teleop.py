@@ -32,7 +32,7 @@ from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_a
 from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
-from tests.robot.ways import LATEST, MAIN, ROOT, SOON, asked, free_port, soonest
+from tests.robot.ways import LATEST, MAIN, PATIENT, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
 UP = b"\x1b[A"
@@ -319,7 +319,7 @@ def drive(simulated, robot_command, tmp_path, monkeypatch):
 class TestDriving:
     @pytest.mark.timing
     def test_ways_speeds_and_silence(self, tmp_path):
-        with driving(tmp_path, "-o", "drive.jsonl") as drive:
+        with driving(tmp_path, "-o", "drive.jsonl", lead=OWN_TERMINAL + PATIENT) as drive:
             for key in (UP, b"s", b"a", b"\x1b[C", b" "):
                 before = len(drive.devices.wheels)
                 drive.press(key)

@@ -40,6 +40,8 @@ mercator._LOOK, link._TRIES = 0.0002, 3
 And end sooner, if nothing answers."""
 IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
+PATIENT = "from mercator_design.robot.run import control, safety; control.STALL = safety.STALL = 60.0\n"
+"""Lets a control loop be late, as it may be on a busy machine, in tests that are not about that."""
 SLOW = """
 import time
 from mercator_design.robot.run.mercator import Mercator

@@ -93,7 +93,11 @@ class Robot:
 
     def drives(self):
         """Wait until it has driven for some cycles."""
-        self.devices.when(lambda: self.devices.driven() > 1 or self.process.poll() is not None)
+        self.until(lambda: self.devices.driven() > 1)
+
+    def until(self, done):
+        """Wait until something is so, as long as it runs."""
+        self.devices.when(lambda: done() or self.process.poll() is not None)
         assert self.process.poll() is None, self.process.stderr.read()
 
     def fault(self):

@@ -30,6 +30,10 @@ _KEYS = {
 _OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe")
 
 
+class PageLeftError(AssertionError):
+    """Another page was loaded before an answer."""
+
+
 class Page:
     """A page that is open in a browser.
 
@@ -71,9 +75,10 @@ class Page:
         end = time.monotonic() + _LIMIT
         while True:
             found = f"Promise.resolve({script}).then((found) => (found instanceof Node ? true : found))"
-            answer = self._call("Runtime.evaluate", expression=found, awaitPromise=True, returnByValue=True)
-            if "exceptionDetails" not in answer and (value := answer["result"].get("value")):
-                return value
+            with contextlib.suppress(PageLeftError):
+                answer = self._call("Runtime.evaluate", expression=found, awaitPromise=True, returnByValue=True)
+                if "exceptionDetails" not in answer and (value := answer["result"].get("value")):
+                    return value
             assert time.monotonic() < end, f"not within {_LIMIT:g} s: {script}"
             time.sleep(0.05)
 
@@ -147,6 +152,8 @@ class Page:
         while True:
             answer = self._next()
             if answer.get("id") == self._number:
+                if "navigated" in answer.get("error", {}).get("message", ""):
+                    raise PageLeftError(answer)
                 assert "error" not in answer, answer
                 return answer["result"]
             self._note(answer)

@@ -15,7 +15,8 @@ seeds that give at most 6 robots, cut to 60 s, one for Watermelon and one for Ch
 missions as well, as `mdesign race` designs for them.
 
 Results are kept in --cache, a line for each race; a run that was stopped goes on, and several processes may share the
-file. Methods: see race_results.py; METHOD@CODE is a method in an earlier version of the code, from the cache.
+file. mission_quality.jsonl has those of docs/explanation/benchmarks.md. Methods: see race_results.py; METHOD@CODE is a
+method in an earlier version of the code, from the cache.
 
 Cost: the default and irace at 500 and 2000, 20 seeds each, are 1.6 million experiments. On two cores with ten busy
 processes one took 2.4 to 10 ms of CPU, 6.8 in the mean (--cost measures it): 3 hours. `foraging` took 2.7 times what it

@@ -32,7 +32,7 @@ def _pipeline() -> type:
 
         @property
         def codegen(self) -> Self:
-            return self
+            return self  # numba calls its `set_env`; the engine's needs machine code
 
         def set_env(self, name: str, environment: object) -> None:
             """Set nothing: the environment is a variable of machine code."""

@@ -39,15 +39,19 @@ def test_they_are_different_canonical_machines_of_one_or_two_states(flavour):
     assert len(found) == behaviours + conditions * (behaviours - 1)
 
 
-def test_the_second_behaviour_ends_by_another_condition_on_the_same_senses():
-    for machine in simple_machines("watermelon", everything, np.random.default_rng(2)):
-        for there, back in [[edge for state in machine.states for edge in state.transitions]] * (
-            len(machine.states) - 1
-        ):
-            assert there.module.reads == back.module.reads
-            if there.module.reads:
-                assert (there.condition, there.parameters[1:]) != (back.condition, back.parameters[1:])
-            assert machine.states[0].behaviour == "exploration" != machine.states[1].behaviour
+def test_the_second_behaviour_ends_by_another_condition_on_the_same_senses_or_on_any():
+    draws = np.random.default_rng(2)
+    machines = [one for _ in range(40) for one in simple_machines("watermelon", everything, draws)]
+    on_others = []
+    for first, second in (one.states for one in machines if len(one.states) == 2):
+        assert first.behaviour == "exploration" != second.behaviour
+        (there,), (back,) = first.transitions, second.transitions
+        if there.module.reads:
+            assert (there.condition, there.parameters[1:]) != (back.condition, back.parameters[1:])
+        on_others.append(there.module.reads != back.module.reads)
+    # Of 10 conditions 7 read the floor and 2 the neighbours: (0.7 * 3 + 0.2 * 8 + 0.1 * 9) / 9 / 2 = 0.256 of the pairs
+    # read different senses. The standard error of 400 draws is 0.022.
+    assert 0.14 < np.mean(on_others) < 0.37
 
 
 def test_turns_are_drawn_evenly_over_their_logarithm():

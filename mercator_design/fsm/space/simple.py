@@ -54,8 +54,8 @@ class Kind(NamedTuple):
 def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     """One machine of each behaviour, and one of exploration with each condition and other behaviour, in random order.
 
-    The second behaviour ends by another condition that reads the same senses, for example on a floor of another colour.
-    Numbers are drawn by `drawn_values`.
+    The second behaviour ends by another condition. In one half of the cases it reads the same senses, for example on a
+    floor of another colour; in the other half it is any. Numbers are drawn by `drawn_values`.
     """
     behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
     conditions = [one for one in kinds(flavour) if usable(one.module, (1.0, one.label))]
@@ -68,7 +68,9 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
 
     states: list[tuple[State, ...]] = [(state(one),) for one in behaviours]
     for there in conditions:
-        back = [one for one in conditions if one.module.reads == there.module.reads and one != there] or [there]
+        others = [one for one in conditions if one != there] or [there]
+        alike = [one for one in others if one.module.reads == there.module.reads] or [there]
+        back = any_of((others, alike), draws)
         states += [
             (state(_SEARCH, transition(there, 1)), state(one, transition(any_of(back, draws), 0)))
             for one in behaviours

@@ -36,11 +36,12 @@ from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.race.running.task import Problem
+from mercator_design.race.running.thread_executor import ThreadExecutor
 
 T = TypeVar("T")
 R = TypeVar("R")

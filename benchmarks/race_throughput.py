@@ -35,7 +35,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -54,9 +54,10 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.race.running.task import Problem
+from mercator_design.race.running.thread_executor import Stepped, ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 
 T = TypeVar("T")
@@ -102,6 +103,29 @@ def time_loops() -> None:
         jit._compiled[function] = timed(entry)  # noqa: SLF001
 
 
+class Watch:
+    """Measures what the thread spends in its contexts, in all."""
+
+    def __init__(self) -> None:
+        time_loops()
+        self._in_loop = self._cpu = self._wall = 0.0
+
+    def __enter__(self) -> Self:
+        self._in_loop -= _LOOPS.seconds
+        self._wall -= time.perf_counter()
+        self._cpu -= time.thread_time()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._cpu += time.thread_time()
+        self._wall += time.perf_counter()
+        self._in_loop += _LOOPS.seconds
+
+    @property
+    def spent(self) -> Spent:
+        return Spent(os.getpid(), self._in_loop, self._cpu, self._wall, time.process_time())
+
+
 @dataclass(frozen=True)
 class Timed(Generic[T, R]):
     """A function whose result comes with what it took; also in other processes."""
@@ -109,11 +133,28 @@ class Timed(Generic[T, R]):
     function: Callable[[T], R]
 
     def __call__(self, item: T) -> tuple[R, Spent]:
-        time_loops()
-        loops, cpu, wall = _LOOPS.seconds, time.thread_time(), time.perf_counter()
-        result = self.function(item)
-        cpu, wall = time.thread_time() - cpu, time.perf_counter() - wall
-        return result, Spent(os.getpid(), _LOOPS.seconds - loops, cpu, wall, time.process_time())
+        with Watch() as watch:
+            result = self.function(item)
+        return result, watch.spent
+
+
+@dataclass(frozen=True)
+class TimedSteps(Timed[T, R]):
+    """The same of a function that also runs in steps, with what its steps took."""
+
+    function: Stepped[T, R]
+
+    def steps(self, item: T) -> Generator[None, None, tuple[R, Spent]]:
+        steps, watch = self.function.steps(item), Watch()
+        while True:
+            with watch:
+                try:
+                    next(steps)
+                except StopIteration as end:
+                    result = end.value
+                    break
+            yield
+        return result, watch.spent
 
 
 class TimedExecutor:
@@ -138,7 +179,8 @@ class TimedExecutor:
         self._executor.stop()
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        for place, found in self._executor.run(Timed(function), items):
+        timed = TimedSteps(function) if isinstance(function, Stepped) else Timed(function)
+        for place, found in self._executor.run(timed, items):
             if isinstance(found, Failed):
                 yield place, found
             else:

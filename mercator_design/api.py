@@ -17,9 +17,10 @@ from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Event
-from mercator_design.race.running.executors import Executor, ThreadExecutor, available_jobs, in_order
+from mercator_design.race.running.executors import Executor, available_jobs, in_order
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator

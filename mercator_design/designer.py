@@ -10,7 +10,7 @@ import json
 import pickle
 import shlex
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -40,7 +40,7 @@ from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
 from mercator_design.sim.labels import robot_labels
-from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.simulate import Outcome, Simulator
 from mercator_design.system.files import write_text
 
 TEST_SEED = 1
@@ -57,17 +57,28 @@ class Experimenter:
     def __call__(self, item: tuple[Pfsm, int]) -> Measurement:
         """The score, and a digest of the final poses and states of all robots."""
         pfsm, seed = item
-        outcome = self.simulator.run(pfsm, seed)
-        trace = outcome.trace
-        digest = hashlib.blake2b(trace.poses[-1].tobytes(), digest_size=8)
-        digest.update(trace.states[-1].tobytes())
-        digest.update(outcome.score.hex().encode())
-        return Measurement(outcome.score, digest.hexdigest())
+        return _measured(self.simulator.run(pfsm, seed))
+
+    def steps(self, item: tuple[Pfsm, int]) -> Generator[None, None, Measurement]:
+        """The same in three steps, of which the second is the compiled loop (`Stepped`)."""
+        prepared = self.simulator.prepare(*item)
+        yield
+        prepared.run()
+        yield
+        return _measured(prepared.outcome())
 
     def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
         # The mission may have classes of plugins: it is unpickled after they are loaded.
         packed = pickle.dumps((self.simulator.mission, self.simulator.robot_model))
         return _elsewhere, (plugins(), self._kernels, packed)
+
+
+def _measured(outcome: Outcome) -> Measurement:
+    trace = outcome.trace
+    digest = hashlib.blake2b(trace.poses[-1].tobytes(), digest_size=8)
+    digest.update(trace.states[-1].tobytes())
+    digest.update(outcome.score.hex().encode())
+    return Measurement(outcome.score, digest.hexdigest())
 
 
 def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Experimenter:

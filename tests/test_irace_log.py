@@ -22,9 +22,10 @@ from mercator_design.race.running.events import (
     Measurement,
     RaceEnded,
 )
-from mercator_design.race.running.executors import Rejected, ThreadExecutor
+from mercator_design.race.running.executors import Rejected
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 from tests.test_tune import SPACE, written
 

@@ -49,6 +49,48 @@ class Outcome:
         return self.recording.history
 
 
+@dataclass(frozen=True, slots=True)
+class PreparedExperiment:
+    """An experiment before its loop: `run` and `outcome` follow, once each."""
+
+    mission: Mission
+    seed: int
+    instance: Instance
+    program: Program
+    start: Scene  # with a floor that the loop does not change
+    history: History
+
+    def run(self, *, referee: bool = False) -> None:
+        """Run the loop; arguments and errors are those of `Simulator.run`."""
+        instance = self.instance
+        loop = referee_experiment if referee or not jit_wanted() else _compiled
+        try:
+            loop(instance.scene, instance.robot_model.reference_model, self.program, instance.swarm, self.history)
+        except Exception as error:
+            place = line_of(error)
+            if not place:  # of no plugin's kernel
+                raise
+            raise MissionError(f"{place}floor dynamic: {described(error)}") from error
+
+    def outcome(self) -> Outcome:
+        """The outcome, after the loop; errors are those of `Simulator.run`."""
+        mission, instance, history = self.mission, self.instance, self.history
+        if not np.isfinite(history.poses[-1]).all():
+            raise SimulationError(f"{mission.name}: seed {self.seed}: the simulation lost track of a robot")
+        recording = Recording(
+            instance.robot_model, self.start, history, instance.swarm.noise_keys, mission.control_period
+        )
+        trace = Trace(
+            poses=history.poses,
+            states=history.states,
+            floor=self.start.floor,
+            zone_rows=instance.zone_rows,
+            control_period=mission.control_period,
+            measure=recording.measure,
+        )
+        return Outcome(score=mission.objective(trace), trace=trace, recording=recording)
+
+
 class Simulator:
     """Runs experiments of one mission with one robot model; may be used by several threads at once."""
 
@@ -97,14 +139,22 @@ class Simulator:
             MissionError: if the robots do not fit, or the objective fails.
             SimulationError: if a robot's final pose is not finite.
         """
-        program, reads = _prepared(pfsm)
+        prepared = self.prepare(pfsm, seed, record=record)
+        prepared.run(referee=referee)
+        return prepared.outcome()
+
+    def prepare(self, pfsm: Pfsm, seed: int, *, record: bool = False) -> "PreparedExperiment":
+        """All that comes before the compiled loop of `run`; arguments and errors are those of `run`."""
+        program, reads = _tables(pfsm)
         if not reads <= self._senses:
             self.check(pfsm)
+        return self._prepared(seed, program, self.mission.cycles, everything=record)
+
+    def _prepared(self, seed: int, program: Program, cycles: int, *, everything: bool) -> "PreparedExperiment":
         instance = self.instance(seed)
-        trace, recording = self._run(instance, program, self.mission.cycles, everything=record, referee=referee)
-        if not np.isfinite(trace.poses[-1]).all():
-            raise SimulationError(f"{self.mission.name}: seed {seed}: the simulation lost track of a robot")
-        return Outcome(score=self.mission.objective(trace), trace=trace, recording=recording)
+        start = instance.scene._replace(floor=instance.scene.floor.copy())
+        history = new_history(cycles, self.mission.robots, everything=everything)
+        return PreparedExperiment(self.mission, seed, instance, program, start, history)
 
     def rehearse(self, announce: Callable[[str], None]) -> Recording:
         """Run one cycle of one experiment: check that the robots fit, and compile what is not compiled yet.
@@ -123,19 +173,19 @@ class Simulator:
         if not is_cached(kernel.experiment):
             announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
         self.check_placement()
-        instance = self.instance(0)
+        prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
+        instance = prepared.instance
         try:
             if len(instance.scene.floor.changes):  # first: so a plugin's mistake shows before the engine is compiled
                 compiled(change_floor)(instance.scene.floor.copy(), instance.swarm.poses[:, :3].copy(), 0.0)
-            trace, recording = self._run(instance, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
+            prepared.run()
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())
             if not plugins:  # then it is our fault
                 raise
             place = last_line(error.places) or f"plugin {plugins}: "
             raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
-        self.mission.objective(trace)
-        return recording
+        return prepared.outcome().recording
 
     def check_placement(self) -> None:
         """Check in ten instances that the robots find places to start from.
@@ -145,32 +195,6 @@ class Simulator:
         """
         for seed in range(10):
             self.instance(seed)
-
-    def _run(
-        self, instance: Instance, program: Program, cycles: int, *, everything: bool = False, referee: bool = False
-    ) -> tuple[Trace, Recording]:
-        history = new_history(cycles, self.mission.robots, everything=everything)
-        start = instance.scene._replace(floor=instance.scene.floor.copy())
-        run = referee_experiment if referee or not jit_wanted() else _compiled
-        try:
-            run(instance.scene, instance.robot_model.reference_model, program, instance.swarm, history)
-        except Exception as error:
-            place = line_of(error)
-            if not place:  # of no plugin's kernel
-                raise
-            raise MissionError(f"{place}floor dynamic: {described(error)}") from error
-        recording = Recording(
-            instance.robot_model, start, history, instance.swarm.noise_keys, self.mission.control_period
-        )
-        trace = Trace(
-            poses=history.poses,
-            states=history.states,
-            floor=start.floor,
-            zone_rows=instance.zone_rows,
-            control_period=self.mission.control_period,
-            measure=recording.measure,
-        )
-        return trace, recording
 
     def check(self, pfsm: Pfsm) -> None:
         """Check that the robot has the senses that a PFSM needs.
@@ -209,7 +233,7 @@ def robot_model_of(mission: Mission) -> RobotModel:
 
 
 @lru_cache(_PROGRAMS)
-def _prepared(pfsm: Pfsm) -> tuple[Program, frozenset[str]]:
+def _tables(pfsm: Pfsm) -> tuple[Program, frozenset[str]]:
     """The tables of a PFSM, and the senses that it reads."""
     return program_arrays(pfsm), pfsm.reads
 

@@ -8,7 +8,7 @@ from mercator_design.errors import MissionError, RaceError
 from mercator_design.race.running.executors import ExecutorStopped, Failed, WorkerUnfit, in_order
 from mercator_design.race.running.record import Record
 from tests.race.racing import runner, undisturbed
-from tests.race.work import Refused, fails, leaves, slow, square
+from tests.race.work import FailsInSteps, Refused, fails, leaves, slow, square
 
 
 class Conformance:
@@ -25,6 +25,14 @@ class Conformance:
             assert dict(executor.run(square, range(50))) == {k: k * k for k in range(50)}
         assert list(executor.run(square, [])) == []
         assert in_order(executor, square, range(7)) == [0, 1, 4, 9, 16, 25, 36]
+
+    def test_a_function_with_steps_gives_what_its_calls_give(self, executor):
+        results = dict(executor.run(FailsInSteps(), range(20)))
+        failed = {k: result.reason for k, result in results.items() if isinstance(result, Failed)}
+        assert failed == {3: "ValueError: first step", 4: "ValueError: second step", 5: "ValueError: last step"}
+        assert {k: result for k, result in results.items() if k not in failed} == {
+            k: 2 * k for k in range(20) if k not in failed
+        }
 
     def test_what_fails_is_told_and_hurts_nothing_else(self, executor):
         results = dict(executor.run(fails, range(8)))

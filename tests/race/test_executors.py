@@ -9,7 +9,8 @@ import time
 
 import pytest
 
-from mercator_design.race.running.executors import Failed, ProcessExecutor, ThreadExecutor, in_order
+from mercator_design.race.running.executors import Failed, ProcessExecutor, in_order
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
@@ -22,6 +23,85 @@ class TestThreads(Conformance):
     @classmethod
     def make(cls, request):
         return lambda: ThreadExecutor(request.param)
+
+
+class Walk:
+    """Makes two steps of each item, and keeps which."""
+
+    def __init__(self):
+        self.steps_made = []
+
+    def steps(self, item):
+        self.steps_made.append(("prepare", item))
+        yield
+        self.steps_made.append(("finish", item))
+        return item
+
+    def __call__(self, item):
+        self.steps_made += [("prepare", item), ("finish", item)]
+        return item
+
+    def groups(self):
+        """The items whose steps were made together."""
+        found = []
+        for step, item in self.steps_made:
+            if step == "finish":
+                found[-1].append(item)
+            elif not found or found[-1]:
+                found.append([])
+        return found
+
+
+class TestGroups:
+    """Of short items, in one thread; no time passes but by `clock`."""
+
+    @pytest.mark.parametrize(
+        ("seconds", "sizes"), [(0, [1, 8, 8, 8, 7, 4, 2, 1, 1]), (0.02, [1, 2, 2, 2]), (1, [1, 1])]
+    )
+    def test_they_last_at_most_a_twentieth_of_a_second_and_get_smaller_in_the_end(self, seconds, sizes):
+        walk, n = Walk(), 40
+
+        def clock():
+            return seconds * sum(step == "finish" for step, _ in walk.steps_made)
+
+        with ThreadExecutor(1, clock=clock) as executor:
+            assert list(executor.run(walk, range(n))) == [(k, k) for k in range(n)]
+        groups = walk.groups()
+        assert [k for group in groups for k in group] == list(range(n))
+        assert list(map(len, groups))[: len(sizes)] == sizes
+
+    def test_an_item_that_is_not_known_yet_ends_one(self):
+        walk = Walk()
+
+        class Items:
+            def __init__(self, *items):
+                self._items = iter(items)
+
+            def __iter__(self):
+                return self
+
+            def __next__(self):
+                return next(self._items)
+
+            def __length_hint__(self):
+                return 100
+
+        with ThreadExecutor(1, clock=lambda: 0.0) as executor:
+            results = list(executor.run(walk, Items(0, 1, 2, 3, None, 5, 6)))
+        assert results == [(k, k) for k in (0, 1, 2, 3, 5, 6)]
+        assert walk.groups() == [[0], [1, 2, 3], [5, 6]]
+
+    def test_others_run_one_by_one(self):
+        began = []
+
+        def items():
+            for k in range(5):
+                began.append(k)
+                yield k
+
+        with ThreadExecutor(1, clock=lambda: 0.0) as executor:
+            for done, _ in enumerate(executor.run(square, items()), start=1):
+                assert len(began) == done
 
 
 @pytest.mark.together

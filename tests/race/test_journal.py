@@ -27,10 +27,11 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     event_of,
 )
-from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
+from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.journal import Journal, is_locked, read
 from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.processes import started
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed

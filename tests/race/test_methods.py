@@ -11,9 +11,10 @@ from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.executors import ProcessExecutor, ThreadExecutor
+from mercator_design.race.running.executors import ProcessExecutor
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.racing import SPACE, measure, runner
 from tests.race.spaces import machines_text

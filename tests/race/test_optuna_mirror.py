@@ -9,9 +9,10 @@ import sqlalchemy
 from mercator_design.race import IteratedRace
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running import optuna_mirror
-from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
+from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.race.racing import SPACE, measure, runner, undisturbed
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")

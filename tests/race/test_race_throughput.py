@@ -3,8 +3,8 @@
 from benchmarks import race_throughput
 from benchmarks.race_throughput import Drawn, TimedExecutor, VirtualExecutor, free_share, measure, simulate_workers
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.sim import simulate
 
 

@@ -13,9 +13,9 @@ from mercator_design.race.racing.stagnation import MIN_ITERATIONS, agreement, is
 from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
 from mercator_design.race.running.events import IterationEnded
-from mercator_design.race.running.executors import ThreadExecutor
 from mercator_design.race.running.journal import read
 from mercator_design.race.running.record import Record
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.race.racing import resumed, runner
 
 SPACE = parse_space('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')

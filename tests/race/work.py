@@ -31,6 +31,26 @@ def fails(x):
     return x
 
 
+class FailsInSteps:
+    """Doubles in three steps; three items fail."""
+
+    def steps(self, x):
+        for k, step in enumerate(("first", "second", "last"), start=3):
+            if x == k:
+                raise ValueError(f"{step} step")
+            if step != "last":
+                yield
+        return 2 * x
+
+    def __call__(self, x):
+        steps = self.steps(x)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                return end.value
+
+
 class Stubborn(Exception):  # noqa: N818
     """Cannot be carried to another process."""
 

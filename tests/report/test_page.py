@@ -22,7 +22,8 @@ from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.executors import ExecutorStopped, ThreadExecutor
+from mercator_design.race.running.executors import ExecutorStopped
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.iterations import incumbents
 from mercator_design.report.page import importance as importances
 from mercator_design.report.page import page as pages

@@ -29,8 +29,9 @@ from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.executors import Executor, ProcessExecutor, ThreadExecutor, available_jobs
+from mercator_design.race.running.executors import Executor, ProcessExecutor, available_jobs
 from mercator_design.race.running.outcome import OnFailure
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request

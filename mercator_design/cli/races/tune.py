@@ -30,8 +30,9 @@ from mercator_design.race.irace.scenario_text import Assignment
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected, ThreadExecutor
+from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected
 from mercator_design.race.running.outcome import OnFailure
+from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.columns import aligned, csv_text
 from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder

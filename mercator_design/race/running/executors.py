@@ -1,15 +1,13 @@
 """Executors run experiments: a function on items. Results come as soon as they are available.
 
-There are three executors with one interface, `Executor`: threads of this process, worker processes, and the workers of
-a Dask cluster. The result of an experiment does not depend on where it runs. If an experiment fails, its result is a
-`Failed`; the executor does not raise, and the caller decides.
+There are three executors with one interface, `Executor`: threads of this process (thread_executor.py), worker
+processes, and the workers of a Dask cluster (dask_executor.py). The result of an experiment does not depend on where it
+runs. If an experiment fails, its result is a `Failed`; the executor does not raise, and the caller decides.
 """
 
 import collections
-import contextlib
 import os
 import pickle
-import queue
 import signal
 import socket
 import threading
@@ -37,7 +35,7 @@ START = 60.0
 """Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
 _CHECK_EVERY = 1.0
 """Seconds between two checks of a worker that its main process is alive."""
-_MAX_WAIT = 0.5
+MAX_WAIT = 0.5
 """Maximum seconds of one wait: a signal just before a wait is handled only at its end."""
 _MAX_MESSAGE = 2000
 """Maximum length of the reason of a failure, which may have a command in it."""
@@ -80,8 +78,9 @@ class Executor(Protocol):
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         """Yield the position of each item and the function's result, in the order in which they finish.
 
-        Items are taken as workers become free; an executor may hold up to two for each worker. None stands for an item
-        that is not known yet: `items` is asked again when another item has finished, and `run` ends if none is running.
+        Items are taken as workers become free; an executor may hold up to two for each worker, or two groups of short
+        ones. None stands for an item that is not known yet: `items` is asked again when another item has finished, and
+        `run` ends if none is running. If `items` has a length hint, so many can be taken without waiting.
         The position counts all that `items` has yielded, None included. A caller may stop iterating early; the next
         call of `run` yields nothing of this one.
 
@@ -142,66 +141,6 @@ def in_order(
     if failed:
         raise failed[0].error or RaceError(f"an experiment failed: {failed[0].reason}")
     return [found[place] for place in range(len(found))]
-
-
-class ThreadExecutor:
-    """Threads of this process, for functions that release the GIL.
-
-    The calling thread runs no items: so exceptions of signals and exceptions of items cannot be confused.
-    """
-
-    def __init__(self, jobs: int) -> None:
-        self.jobs = jobs
-        self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._threads: list[threading.Thread] = []
-
-    def __enter__(self) -> Self:
-        # Daemons end with this process, even if an experiment does not end.
-        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with contextlib.suppress(queue.Empty):
-            while True:
-                self._todo.get_nowait()
-        for _thread in self._threads:
-            self._todo.put(None)
-        if kind is None or issubclass(kind, Exception):  # after Ctrl-C it does not wait
-            for thread in self._threads:
-                while thread.is_alive():
-                    thread.join(_MAX_WAIT)
-
-    def stop(self) -> None:
-        """Do nothing: all items that have begun are running."""
-
-    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        if not self._threads:
-            raise RuntimeError("expected to be entered (`with ThreadExecutor(...)`) before it runs anything")
-        numbered = enumerate(items)
-        done: queue.SimpleQueue[tuple[int, R | Failed]] = queue.SimpleQueue()
-
-        def job(index: int, item: T) -> Callable[[], None]:
-            return lambda: done.put((index, attempt(function, item)))
-
-        max_under_way = self.jobs + (self.jobs > 1)  # an item for each thread; if there are several, one more waits
-        under_way = 0
-        while True:
-            while under_way < max_under_way:
-                index, item = next(numbered, (0, None))
-                if item is None:
-                    break
-                self._todo.put(job(index, item))
-                under_way += 1
-            if not under_way:
-                return
-            yield _next(done)
-            under_way -= 1
-
-    def _serve(self) -> None:
-        while (job := self._todo.get()) is not None:
-            job()
 
 
 @dataclass(slots=True, eq=False)
@@ -280,8 +219,8 @@ class ProcessExecutor:
         """The futures that have ended; waits for one, but not longer than the deadline."""
         while True:
             left = max(deadline - self._clock(), 0.0)
-            done, _ = wait(running, timeout=min(left, _MAX_WAIT), return_when=FIRST_COMPLETED)
-            if done or left <= _MAX_WAIT:
+            done, _ = wait(running, timeout=min(left, MAX_WAIT), return_when=FIRST_COMPLETED)
+            if done or left <= MAX_WAIT:
                 return done
 
     def _timed_out(self, job: _Job[T]) -> Failed | None:
@@ -289,12 +228,6 @@ class ProcessExecutor:
         if job.timeouts < MAX_TIMEOUTS:
             return None
         return Failed(f"took longer than {self._timeout:g} s, {job.timeouts} times")
-
-
-def _next(done: "queue.SimpleQueue[T]") -> T:
-    while True:
-        with contextlib.suppress(queue.Empty):
-            return done.get(timeout=_MAX_WAIT)
 
 
 def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:

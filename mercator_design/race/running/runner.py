@@ -143,7 +143,7 @@ class RaceRun(Generic[T]):
         """Run the race to its end under each of the record's budgets."""
         record = self._record
         yield from self._advance()
-        for place, result in self._executor.run(self.problem.function, self._items()):
+        for place, result in self._executor.run(self.problem.function, _Items(self._next_item, self._todo)):
             experiment = self._under_way.pop(place)
             is_run = self.problem.evaluate is not None and not read_result(result)[2]
             if experiment in self._missing and not is_run:
@@ -204,17 +204,15 @@ class RaceRun(Generic[T]):
     def _cost(self, score: float | None) -> float:
         return float("inf") if score is None else self.problem.cost(score)
 
-    def _items(self) -> Iterator[T | None]:
-        """The items to run: first those of the batch, then speculative ones while workers would be idle."""
-        for place in count():
-            if self._ended or self._is_over():
-                return
-            experiment = self._todo.popleft() if self._todo else self._next_speculative()
-            if experiment is None:
-                yield None
-            else:
-                self._under_way[place] = experiment
-                yield self._item(experiment)
+    def _next_item(self, place: int) -> T | None:
+        """The next item to run: first those of the batch, then speculative ones while workers would be idle."""
+        if self._ended or self._is_over():
+            raise StopIteration
+        experiment = self._todo.popleft() if self._todo else self._next_speculative()
+        if experiment is None:
+            return None
+        self._under_way[place] = experiment
+        return self._item(experiment)
 
     def _next_speculative(self) -> Experiment | None:
         if self._likely is None:
@@ -384,6 +382,23 @@ class RaceRun(Generic[T]):
             raise _another(f"the end {end}", f"{noted}")
         self._n_ends += 1
         self._ended = self._n_ends == len(self._record.budgets)
+
+
+class _Items(Generic[T]):
+    """The items of a race; the length hint is how many of its batch have not begun."""
+
+    def __init__(self, item: Callable[[int], T | None], todo: Sequence[Experiment]) -> None:
+        self._item, self._todo = item, todo
+        self._places = count()
+
+    def __iter__(self) -> Iterator[T | None]:
+        return self
+
+    def __next__(self) -> T | None:
+        return self._item(next(self._places))
+
+    def __length_hint__(self) -> int:
+        return len(self._todo)
 
 
 def _another(expected: str, found: str) -> RaceError:

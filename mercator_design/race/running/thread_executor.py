@@ -82,9 +82,11 @@ class ThreadExecutor:
             raise RuntimeError("expected to be entered (`with ThreadExecutor(...)`) before it runs anything")
         left = iter(items)
         numbered = enumerate(left)
-        together: Callable[[Group[T]], Results[R]] = (
-            partial(_in_steps, function) if isinstance(function, Stepped) else partial(_one_by_one, function)
-        )
+        together: Callable[[Group[T]], Results[R]]
+        if isinstance(function, Stepped):
+            together, most = partial(_in_steps, function), _MAX_GROUP
+        else:
+            together, most = partial(_one_by_one, function), 1
         done: queue.SimpleQueue[tuple[Results[R], float]] = queue.SimpleQueue()
 
         def job(group: Group[T]) -> Callable[[], None]:
@@ -100,7 +102,7 @@ class ThreadExecutor:
         while True:
             while under_way < max_under_way:
                 share = length_hint(left) // (self.jobs + 1)
-                group = _first_of(numbered, max(min(share, max_group), 1))
+                group = _first_of(numbered, min(max(share, 1), max_group))
                 if not group:
                     break
                 self._todo.put(job(group))
@@ -110,8 +112,7 @@ class ThreadExecutor:
             results, seconds = _next(done)
             yield from results
             under_way -= 1
-            if isinstance(function, Stepped):
-                max_group = min(int(_GROUP_SECONDS * len(results) / max(seconds, 1e-6)), _MAX_GROUP)
+            max_group = max(min(int(_GROUP_SECONDS * len(results) / max(seconds, 1e-6)), most), 1)
 
     def _serve(self) -> None:
         while (job := self._todo.get()) is not None:

@@ -112,6 +112,16 @@ class Arena:
         """Whether each of the points (n, 2) lies between the walls; obstacles do not matter."""
         return polygon_contains(self.corners(), points)
 
+    def contains_grid(self, x: Floats, y: Floats) -> Flags:
+        """Whether each point of a grid (len(y), len(x)) lies between the walls, as `contains` of it, but faster."""
+        start = self.corners()
+        straddles, crossing = _crossings(start, np.roll(start, -1, axis=0), y[:, np.newaxis])
+        inside = np.zeros((len(y), len(x)), dtype=np.bool_)
+        for wall in range(len(start)):  # all at once would fill the memory
+            rows = np.flatnonzero(straddles[:, wall])
+            inside[rows] ^= x < crossing[rows, wall, np.newaxis]
+        return inside
+
 
 def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
     """Check that corners are those of a simple polygon.
@@ -144,13 +154,16 @@ def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
 
 def polygon_contains(start: Floats, points: Floats) -> Flags:
     """Whether each of the points (n, 2) lies in the polygon of corners (m, 2), in either sense."""
-    end = np.roll(start, -1, axis=0)
-    x, y = points[:, :1], points[:, 1:]
-    straddles = (start[:, 1] > y) != (end[:, 1] > y)
-    rise = np.where(end[:, 1] == start[:, 1], 1.0, end[:, 1] - start[:, 1])  # level walls straddle nothing
-    left_of_wall = x < start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
-    crossings = np.sum(straddles & left_of_wall, axis=1)
+    straddles, crossing = _crossings(start, np.roll(start, -1, axis=0), points[:, 1:])
+    crossings = np.sum(straddles & (points[:, :1] < crossing), axis=1)
     return np.asarray(crossings % 2 == 1, dtype=np.bool_)
+
+
+def _crossings(start: Floats, end: Floats, y: Floats) -> tuple[Flags, Floats]:
+    """Whether sides (m,) cross level lines at y (n, 1), and the x where they do: (n, m) each."""
+    straddles = (start[:, 1] > y) != (end[:, 1] > y)
+    rise = np.where(end[:, 1] == start[:, 1], 1.0, end[:, 1] - start[:, 1])  # level sides straddle nothing
+    return straddles, start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / rise
 
 
 def rectangle_corners(center: tuple[float, float], size: tuple[float, float], angle: float) -> Floats:

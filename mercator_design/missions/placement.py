@@ -89,7 +89,8 @@ class RectanglePlacement:
 
     def contains(self, points: Floats) -> Flags:
         """As in `DiscPlacement`."""
-        return np.asarray((np.abs(points - self.center) <= 0.5 * np.array(self.size)).all(axis=1), dtype=np.bool_)
+        along, across = (np.abs(points - self.center) <= 0.5 * np.array(self.size)).T
+        return np.asarray(along & across, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

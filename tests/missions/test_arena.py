@@ -135,6 +135,10 @@ def test_any_star_is_a_simple_polygon(radii, clockwise):
     assert arena.contains(np.zeros((1, 2))).all()
     assert arena.contains(0.99 * np.array(vertices)).all()
     assert not arena.contains(1.01 * np.array(vertices)).any()
+    x, y = np.linspace(-5, 5, 23), np.linspace(-5, 5, 17)
+    assert (
+        arena.contains_grid(x, y).ravel() == arena.contains(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    ).all()
 
 
 def test_boxes():

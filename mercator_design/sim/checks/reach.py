@@ -36,10 +36,16 @@ class Reach:
     built: Flags  # (rows, columns) whether the cell's centre is in an obstacle
     reached: Flags  # (rows, columns)
 
+    def axes(self) -> tuple[Floats, Floats]:
+        """The x (columns,) and y (rows,) of the cells' centres [m]."""
+        rows, columns = self.inside.shape
+        (left, bottom), cell = self.low, self.cell
+        return left + cell * (np.arange(columns) + 0.5), bottom + cell * (np.arange(rows) + 0.5)
+
     def centres(self, cells: Flags) -> Floats:
         """The centres (n, 2) of some cells [m]."""
-        rows, columns = np.nonzero(cells)
-        return np.asarray(self.low + self.cell * (np.column_stack([columns, rows]) + 0.5), dtype=np.float64)
+        (x, y), (rows, columns) = self.axes(), np.nonzero(cells)
+        return np.column_stack([x[columns], y[rows]])
 
     def corners(self, cells: Flags) -> Floats:
         """The corners (4 n, 2) of some cells [m]."""
@@ -91,9 +97,7 @@ def reach_of(mission: Mission, model: RobotModel) -> Reach | None:
         built=np.zeros((rows, columns), dtype=np.bool_),
         reached=np.zeros((rows, columns), dtype=np.bool_),
     )
-    centres = grid.centres(~grid.inside)
-    for row, points in enumerate(centres.reshape(rows, columns, 2)):  # all at once would fill the memory
-        grid.inside[row] = arena.contains(points)
+    grid.inside[:] = arena.contains_grid(*grid.axes())
     # A cell is free if the disc's centre may be anywhere in it.
     free = grid.inside & ~_blocked(arena, grid, radius - _SLACK - cell * math.sqrt(0.5))
     grid.reached[:] = _connected(free, _starts(mission.placement, grid) & free)
@@ -121,9 +125,10 @@ def _blocked(arena: Arena, grid: Reach, distance: float) -> Flags:
 
     def near(points: Floats) -> tuple[tuple[slice, slice], Floats]:
         """The part of the grid around some points, and the centres (n, 2) of its cells."""
-        part, cells = grid.part(points, distance), np.zeros_like(blocked)
-        cells[part] = True
-        return part, grid.centres(cells)
+        (x, y), part = grid.axes(), grid.part(points, distance)
+        rows, columns = part
+        centres = np.stack(np.meshgrid(x[columns], y[rows]), axis=-1)
+        return part, centres.reshape(-1, 2)
 
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         part, centres = near(np.array([start, end]))
@@ -150,5 +155,6 @@ def _starts(placement: Placement, grid: Reach) -> Flags:
     columns, rows = np.floor((points - grid.low) / grid.cell).astype(int).T
     there = (rows >= 0) & (rows < starts.shape[0]) & (columns >= 0) & (columns < starts.shape[1])
     starts[rows[there], columns[there]] = True
-    neighbourhoods = np.lib.stride_tricks.sliding_window_view(np.pad(starts, 1), (3, 3))
-    return np.asarray(neighbourhoods.any(axis=(2, 3)), dtype=np.bool_)
+    padded = np.pad(starts, 1)
+    beside = padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:]
+    return np.asarray(beside[:-2] | beside[1:-1] | beside[2:], dtype=np.bool_)

@@ -139,12 +139,12 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     """The border of where the robots may start, within the arena; False if that is too small to show."""
     grid = arena_grid(mission, PIXELS)
     covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
-    inside = np.array([mission.arena.contains(row) for row in grid])  # many walls: all rows at once fill the memory
+    x, y = grid[0, :, 0], grid[:, 0, 1]
+    inside = mission.arena.contains_grid(x, y)
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
-    x, y = grid[0, :, 0], grid[:, 0, 1]
     for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
         border = axes.contour(
             x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6

@@ -134,6 +134,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.function = Experimenter(simulator)
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
         self._pfsms: dict[int, Pfsm] = {}
+        self._files: dict[str, bytes] = {}
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
@@ -166,6 +167,10 @@ class Designer(Task[tuple[Pfsm, int]]):
         }
 
     def files(self) -> dict[str, bytes]:
+        self._files = self._files or self._written()
+        return self._files
+
+    def _written(self) -> dict[str, bytes]:
         mission = self.simulator.mission
         image = mission.floor.image
         return {
@@ -274,7 +279,9 @@ def header_of(simulator: Simulator) -> dict[str, str]:
 def mission_space(simulator: Simulator, flavour: str) -> Space:
     """All PFSMs of a flavour, for races on a mission."""
     usable, fires = (partial(one, simulator.mission, simulator.robot_model) for one in (is_of_use, can_fire))
-    return parse_space(parameters_text(flavour), "grammar", structure=PfsmStructure(flavour, usable, fires))
+    space = _space(flavour)
+    structure = PfsmStructure(flavour, usable, fires)
+    return Space(space.parameters, forbidden=space.forbidden, notes=space.notes, structure=structure)
 
 
 @cache

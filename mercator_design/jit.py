@@ -222,7 +222,8 @@ def kernels_digest() -> str:
 
 def _foreign() -> list[Callable[..., Any]]:
     """The marked functions outside this package."""
-    return [function for function in _marked if not Path(function.__code__.co_filename).is_relative_to(_PACKAGE)]
+    ours = f"{_PACKAGE}{os.sep}"
+    return [function for function in _marked if not function.__code__.co_filename.startswith(ours)]
 
 
 def _foreign_sources() -> dict[Path, bytes]:

@@ -112,7 +112,7 @@ class TestRace:
         _, out, _ = mdesign("race", "foraging", "--budget", 20, "-o", tmp_path / "r", *QUICK)
         assert "20 of 20 experiments, 3 iterations," in out
         assert len(table_lines(out)) == 4
-        assert "-0" not in out
+        assert "-0" not in out.replace(str(tmp_path), "")  # which may have it
 
     def test_a_small_budget_works_and_says_what_was_lowered(self, mdesign, tmp_path):
         given = ("--budget", 200, "--method", "irace", *QUICK)

@@ -1,5 +1,6 @@
 """A problem with parameters of all kinds, a known optimum and noise that is a function of a seed."""
 
+import functools
 import math
 
 import numpy as np
@@ -27,6 +28,7 @@ def mixed_cost(configuration):
     )
 
 
+@functools.cache  # the same experiments occur in many races
 def noise(seed, experiment):
     """Common to all on an instance, and each experiment's own."""
     common = np.random.default_rng([seed, experiment.instance]).normal()

@@ -30,7 +30,7 @@ def url(tmp_path):
     sqlalchemy.event.remove(sqlalchemy.Engine, "connect", hasten)
 
 
-def mirrored(url, record=None, *, budget=90, seed=1, method="irace", race=None, **options):
+def mirrored(url, record=None, *, budget=60, seed=1, method="irace", race=None, **options):
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
     race = race or METHODS[method](SPACE, budget=budget, seed=seed)
@@ -71,13 +71,13 @@ def survivors_of(race):
 def test_the_study_says_what_happened(url):
     record, complaints = mirrored(url)
     assert complaints == []
-    assert record.digest() == undisturbed(budgets=(90,)).digest()
+    assert record.digest() == undisturbed(budgets=(60,)).digest()
     check(url, record)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_whatever_the_method(url, method):
-    race = METHODS[method](SPACE, budget=90, seed=1)
+    race = METHODS[method](SPACE, budget=60, seed=1)
     record, complaints = mirrored(url, race=race)
     assert complaints == []
     check(url, record)
@@ -105,10 +105,10 @@ def test_optunas_own_tools_show_the_race(url):
 def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror, "MAX_WAIT_INTERRUPTED", optuna_mirror.MAX_WAIT)
     record = Record()
-    race = IteratedRace(SPACE, budget=90, seed=1)
+    race = IteratedRace(SPACE, budget=60, seed=1)
     mirroring = OptunaMirror(url, "study", race, maximise=False, warn=pytest.fail)
     with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped), mirroring as mirror:
-        list(map(mirror.note, runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 40)))
+        list(map(mirror.note, runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 30)))
     before = len(trials_of(url))
     assert before > 5
     record, complaints = mirrored(url, record)
@@ -120,7 +120,7 @@ def test_a_storage_that_fails_at_once_is_told_and_stops_nothing(tmp_path):
     record, complaints = mirrored(f"sqlite:///{tmp_path}/nowhere/race.db")
     assert len(complaints) == 1
     assert "the race is no longer copied to the Optuna storage" in complaints[0]
-    assert record.digest() == undisturbed(budgets=(90,)).digest()
+    assert record.digest() == undisturbed(budgets=(60,)).digest()
 
 
 def test_one_that_fails_later_too(url, monkeypatch):
@@ -136,7 +136,7 @@ def test_one_that_fails_later_too(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror._Study, "report", fails)
     record, complaints = mirrored(url)
     assert complaints == ["the race is no longer copied to the Optuna storage: OSError: disk full"]
-    assert record.digest() == undisturbed(budgets=(90,)).digest()
+    assert record.digest() == undisturbed(budgets=(60,)).digest()
 
 
 def test_one_that_never_answers(url, monkeypatch):
@@ -146,7 +146,7 @@ def test_one_that_never_answers(url, monkeypatch):
     record, complaints = mirrored(url)
     assert complaints == ["the Optuna storage is slow: it does not have the whole race"]
     assert time.monotonic() - start < 60
-    assert record.digest() == undisturbed(budgets=(90,)).digest()
+    assert record.digest() == undisturbed(budgets=(60,)).digest()
 
 
 def failing(item):
@@ -167,8 +167,8 @@ def test_what_failed_is_a_failed_trial(url):
 
 
 def test_a_race_that_is_resumed_after_its_end_adds_no_trial(url):
-    record, _ = mirrored(url, function=failing, on_failure="reject", budget=60)
+    record, _ = mirrored(url, function=failing, on_failure="reject")
     before = trials_of(url)
     assert {"FAIL", "COMPLETE"} <= {trial.state.name for trial in before}
-    mirrored(url, record, function=failing, on_failure="reject", budget=60)
+    mirrored(url, record, function=failing, on_failure="reject")
     assert trials_of(url) == before

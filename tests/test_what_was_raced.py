@@ -12,17 +12,26 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.journal import read
 from mercator_design.runs.files import JOURNAL
 
+pytestmark = pytest.mark.together
+
 QUICK = ("--set", "robots=2", "--set", "duration=2")
 SEED = 2
 """Of a race whose winner has no transition that never fires: a warning would tell of it."""
 
 
+@pytest.fixture(scope="module")
+def whole(mdesign_once, tmp_path_factory):
+    """A folder with a mission of a user's own, mine.yaml, and the folder of a race on it."""
+    folder, text = tmp_path_factory.mktemp("raced"), shipped.missions()["aggregation"].read_text()
+    (folder / "mine.yaml").write_text(text.replace("duration: 120", "duration: 2").replace("robots: 3", "robots: 2"))
+    mdesign_once("race", folder / "mine.yaml", "--budget", 60, "--seed", SEED, "-o", folder / "r")
+    return folder
+
+
 @pytest.fixture
-def raced(mdesign, tmp_path):
-    """The folder of a race on a mission of a user's own, mine.yaml beside it."""
-    text = shipped.missions()["aggregation"].read_text()
-    (tmp_path / "mine.yaml").write_text(text.replace("duration: 120", "duration: 2").replace("robots: 3", "robots: 2"))
-    assert mdesign("race", tmp_path / "mine.yaml", "--budget", 60, "--seed", SEED, "-o", tmp_path / "r")[0] == 0
+def raced(whole, tmp_path):
+    """The folder of a race on a mission of a user's own, mine.yaml beside it: a copy."""
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     return tmp_path / "r"
 
 

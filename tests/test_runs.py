@@ -885,7 +885,7 @@ def raced(tmp_path_factory, mdesign_once):
     """The folder of a race long enough to learn something from."""
     folder = tmp_path_factory.mktemp("analysis") / "r"
     shorter = ["--set", "duration=10"]
-    mdesign_once("race", "aggregation", "--budget", 600, "--method", "irace", *shorter, "-o", folder)
+    mdesign_once("race", "aggregation", "--budget", 400, "--method", "irace", *shorter, "-o", folder)
     return folder
 
 

@@ -24,7 +24,7 @@ def race_of(method, space=MIXED, budget=300, seed=1):
     return METHODS[method](space, budget=budget, seed=seed)
 
 
-def recorded(method, executor, *, budgets=(200,), record=None, seed=1, **options):
+def recorded(method, executor, *, budgets=(140,), record=None, seed=1, **options):
     """A race of it, run with an executor and noted."""
     record = Record() if record is None else record
     with executor as running:
@@ -144,13 +144,13 @@ class TestConformance:
                 assert len(anew) == len(run_in(journal.record) - known)
 
     def test_its_budget_can_be_extended(self, method):
-        at_once = recorded(method, ThreadExecutor(1), budgets=(150, 260))
-        later = recorded(method, ThreadExecutor(1), budgets=(150,))
-        assert [end.budget for end in later.ends] == [150]
-        recorded(method, ThreadExecutor(2), budgets=(150, 260), record=later)
+        at_once = recorded(method, ThreadExecutor(1), budgets=(100, 180))
+        later = recorded(method, ThreadExecutor(1), budgets=(100,))
+        assert [end.budget for end in later.ends] == [100]
+        recorded(method, ThreadExecutor(2), budgets=(100, 180), record=later)
         assert later.digest() == at_once.digest()
-        assert [end.budget for end in later.ends] == [150, 260]
-        assert 150 < later.ends[-1].experiments <= 260
+        assert [end.budget for end in later.ends] == [100, 180]
+        assert 100 < later.ends[-1].experiments <= 180
 
     def test_an_extended_race_goes_on(self, method):
         race = race_of(method, budget=150)

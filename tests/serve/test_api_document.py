@@ -42,7 +42,7 @@ def test_no_fault_of_the_service(schema, mode):
     found = operations(schema)
     assert len(found) >= 30
     for operation in found:
-        check(operation, 4, mode)
+        check(operation, 3, mode)
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ from tests.processes import LIMIT, started
 from tests.race.damage import WRONG, damaged
 from tests.race.lines import events_in, journal_of
 
+pytestmark = pytest.mark.together
+
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 RACE = ["race", "aggregation", "--budget", "60", "--method", "irace", "--set", "robots=2", "--set", "duration=3"]
 RESULTS = ("fsm.txt", "results.csv", "mission.yaml", "robot_model.yaml")

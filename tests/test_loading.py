@@ -677,6 +677,7 @@ def outcomes(tmp_path_factory):
     return {Path(path).parent.name if path.endswith("a.yaml") else path: got for path, got in found.items()}
 
 
+@pytest.mark.together
 @pytest.mark.parametrize("name", ATTACKS)
 def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
     message, seconds = outcomes[name]
@@ -686,6 +687,7 @@ def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
     assert seconds < 1.0
 
 
+@pytest.mark.together
 @pytest.mark.parametrize(
     ("name", "expected"),
     [

@@ -21,6 +21,8 @@ from tests.processes import wait_until
 from tests.serve.serving import serving
 from tests.serve.still import still
 
+pytestmark = pytest.mark.together
+
 SILENCE = KEEPALIVE_COMMENT.decode()
 SMALL = ("--set", "duration=2", "--set", "robots=2", "--budget", "60")
 

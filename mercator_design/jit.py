@@ -113,7 +113,8 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # the references to all passed arrays would take two thirds of the time.
         options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
-        entry._cache = kernel_cache.keep_whole(entry._cache, _register_waiting)  # noqa: SLF001 - the only way in
+        cache = kernel_cache.keep_whole(entry._cache, _register_waiting)  # noqa: SLF001 - the only way in
+        entry._cache = cache  # noqa: SLF001
     finally:
         numba.config.CACHE_DIR = usual
 
@@ -122,10 +123,14 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return entry(*arguments)
         except (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError) as error:
+            cache.give_up()
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
             raise CompilationError(reason[:500], places) from error
+        except BaseException:  # for example if the user interrupts it
+            cache.give_up()
+            raise
 
     return call
 

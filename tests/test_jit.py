@@ -174,12 +174,15 @@ class TestAnEditedKernelIsAnotherCache:
 
 @pytest.mark.skipif(not jit.jit_wanted(), reason="plain Python compiles nothing")
 @pytest.mark.parametrize("body", ["return x.no_such_thing", "return len([x] * 3)", "import os", "return undefined(x)"])
-def test_what_cannot_be_compiled_is_our_error(tmp_path, body):
+def test_what_cannot_be_compiled_is_our_error_and_keeps_no_one_waiting(tmp_path, monkeypatch, body):
     names, file = {}, tmp_path / "kernel.py"
     file.write_text(f"def kernel(x):\n    {body}\n")
     exec(compile(file.read_text(), str(file), "exec"), names)  # noqa: S102 - our own
+    begun, begin = [], kernel_cache.Turn.begin
+    monkeypatch.setattr(kernel_cache.Turn, "begin", lambda turn: begun.append(turn) or begin(turn))
     with pytest.raises(jit.CompilationError):
         jit._compile(names["kernel"])(1.0)
+    assert [turn._descriptors for turn in begun] == [[]]
 
 
 def test_the_cache_is_named_by_every_file_that_has_kernels():

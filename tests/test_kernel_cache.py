@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.system import kernel_cache
-from mercator_design.system.kernel_cache import _Digesting, is_whole, place, why_not_private
+from mercator_design.system.kernel_cache import Turn, _Digesting, is_whole, place, why_not_private
 
 IS_ROOT = os.geteuid() == 0
 OTHER = 65533
@@ -160,3 +160,109 @@ def test_what_others_planted_is_not_run(tmp_path):
     assert (found, problem != "") == (value, True)
     assert other != folder
     assert not (tmp_path / "owned").exists()
+
+
+class TestTurns:
+    HOLD = """
+import pathlib, sys, time
+from mercator_design.system.kernel_cache import Turn
+turn = Turn(pathlib.Path(sys.argv[1]))
+turn.begin()
+print("begun", flush=True)
+sys.stdin.readline()
+turn.end()
+print("ended", flush=True)
+sys.stdin.readline()
+"""
+
+    @pytest.fixture
+    def file(self, tmp_path):
+        return tmp_path / "new" / "kernel.lock"
+
+    @pytest.fixture
+    def other(self, file):
+        """Another process that has its turn."""
+        command = [sys.executable, "-c", self.HOLD, str(file)]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout.readline() == "begun\n"
+            yield process
+            process.kill()
+
+    @staticmethod
+    def has_it(turn):
+        turn.begin(patience=0.0)
+        return turn._is_mine()
+
+    def test_one_at_a_time(self, file, other):
+        turn = Turn(file)
+        assert not self.has_it(turn)
+        other.stdin.write("\n")
+        other.stdin.flush()
+        assert other.stdout.readline() == "ended\n"
+        assert self.has_it(turn)
+        assert not self.has_it(Turn(file))
+        turn.end()
+        turn.end()
+        assert self.has_it(Turn(file))
+
+    def test_it_ends_with_its_process(self, file, other):
+        turn = Turn(file)
+        assert not self.has_it(turn)
+        other.kill()
+        turn.begin()
+        assert turn._is_mine()
+
+    def test_no_file_can_be_written_there(self, tmp_path):
+        (tmp_path / "file").write_text("no folder can be made here")
+        turn = Turn(tmp_path / "file" / "lock")
+        turn.begin()
+        turn.end()
+
+
+class _Cache:
+    """A cache as numba's, of what `load` finds."""
+
+    def __init__(self, load):
+        self.load = load
+
+    def load_overload(self, *_):
+        return self.load()
+
+    def save_overload(self, *_):
+        pass
+
+
+class TestWhoMayCompile:
+    @pytest.fixture
+    def turn(self, tmp_path):
+        return Turn(tmp_path / "lock")
+
+    @staticmethod
+    def is_free(turn):
+        other = Turn(turn._file)
+        other.begin(patience=0.0)
+        found = other._is_mine()
+        other.end()
+        return found
+
+    def test_others_wait_until_it_is_saved_or_given_up(self, turn):
+        cache = kernel_cache.Forgiving(_Cache(lambda: None), lambda: None, turn)
+        for end in (lambda: cache.save_overload(None, None), cache.give_up):
+            assert cache.load_overload(None, None) is None
+            assert not self.is_free(turn)
+            end()
+            assert self.is_free(turn)
+
+    def test_who_has_waited_finds_it(self, turn):
+        found = iter([None, "machine code"])
+        cache = kernel_cache.Forgiving(_Cache(lambda: next(found)), pytest.fail, turn)
+        assert cache.load_overload(None, None) == "machine code"
+        assert self.is_free(turn)
+
+    def test_it_cannot_begin(self, turn):
+        def fail():
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            kernel_cache.Forgiving(_Cache(lambda: None), fail, turn).load_overload(None, None)
+        assert self.is_free(turn)

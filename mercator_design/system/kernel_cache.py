@@ -3,16 +3,20 @@
 A file of machine code is unpickled and executed: a flipped bit may end the interpreter, and whoever can write a file
 can run any code. So the folder must belong to this user, on a path that no other user can change; each file must belong
 to this user; and its contents end in a digest, which is checked first. A file that fails a check is compiled again.
+
+Of the processes that want the same function, one compiles it; the others wait, and find it in the cache.
 """
 
 import atexit
 import contextlib
+import fcntl
 import functools
 import hashlib
 import os
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +25,9 @@ from mercator_design.system import address_space
 
 _DIGEST = 32
 """Bytes of the digest at the end of a file."""
+
+_PATIENCE = 180.0
+"""Seconds to wait for a process that compiles; it may have been stopped."""
 
 
 class Place(NamedTuple):
@@ -94,7 +101,7 @@ def _is_trusted(group: int) -> bool:
     return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
-def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> Any:  # noqa: ANN401 - numba has no types
+def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> "Forgiving":  # noqa: ANN401 - numba has no types
     """Make numba's cache of one function load only complete files, and raise only for a lack of memory.
 
     Installations with the same sources share compiled code: numba would look in a folder named by the path of the
@@ -106,7 +113,7 @@ def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> Any:  # noqa
     """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
     if files is None:  # nothing is cached
-        return _Forgiving(cache, before_compiling)
+        return Forgiving(cache, before_compiling)
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
     from importlib.metadata import version  # slow to import, and a robot compiles nothing
 
@@ -138,7 +145,7 @@ def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> Any:  # noqa
                 file.write(digesting.digest.digest())
 
     files.__class__ = Whole
-    return _Forgiving(cache, before_compiling)
+    return Forgiving(cache, before_compiling, Turn(Path(f"{files._index_path}.lock")))  # noqa: SLF001
 
 
 class _Digesting:
@@ -166,35 +173,93 @@ def is_whole(path: Path) -> bool:
     return hashlib.blake2b(data[:-_DIGEST], digest_size=_DIGEST).digest() == data[-_DIGEST:]
 
 
-class _Forgiving:
+class Turn:
+    """One process at a time has its turn; it ends with the process. Without a file for it, all have it at once."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._descriptors: list[int] = []  # none, or the one of a turn that has begun
+
+    def begin(self, patience: float = _PATIENCE) -> None:
+        """Begin the turn when no other process has its turn, or after so many seconds."""
+        self.end()
+        end = time.monotonic() + patience
+        with contextlib.suppress(OSError):
+            self._file.parent.mkdir(mode=0o700, exist_ok=True)
+            self._descriptors.append(os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
+            while not self._is_mine() and time.monotonic() < end:
+                time.sleep(0.1)
+
+    def _is_mine(self) -> bool:
+        try:
+            fcntl.flock(self._descriptors[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def end(self) -> None:
+        """End the turn, if it has begun."""
+        with contextlib.suppress(IndexError):  # also if another thread has ended it just now
+            descriptor = self._descriptors.pop()
+            with contextlib.suppress(OSError):
+                fcntl.flock(descriptor, fcntl.LOCK_UN)  # closing would not do if a child has inherited it
+            os.close(descriptor)
+
+
+class Forgiving:
     """A cache that recompiles if a file cannot be read, and is not used if the disk is full.
 
     Raises MemoryError if LLVM would end this process for lack of memory.
     """
 
-    def __init__(self, cache: Any, before_compiling: Callable[[], None]) -> None:  # noqa: ANN401
+    def __init__(self, cache: Any, before_compiling: Callable[[], None], turn: Turn | None = None) -> None:  # noqa: ANN401
         self._cache = cache
         self._before_compiling = before_compiling
+        self._turn = turn
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401
         return getattr(self._cache, name)
 
     def load_overload(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
+        """The machine code in the cache; without it None, and others wait until it is saved or given up."""
         address_space.require(address_space.TO_LOAD, "to load machine code")
-        found = None
-        with contextlib.suppress(Exception):  # for example a file of another version of numba
-            found = self._cache.load_overload(signature, context)
-        if found is None:
-            address_space.require(address_space.TO_COMPILE, "to compile")
-            self._before_compiling()
+        found = self._found(signature, context)
+        if found is not None:
+            return found
+        address_space.require(address_space.TO_COMPILE, "to compile")
+        try:
+            if self._turn:
+                self._turn.begin()
+                found = self._found(signature, context)  # another process may just have compiled it
+            if found is None:
+                self._before_compiling()
+        except BaseException:
+            self.give_up()
+            raise
+        if found is not None:
+            self.give_up()
         return found
 
+    def _found(self, signature: Any, context: Any) -> Any:  # noqa: ANN401
+        with contextlib.suppress(Exception):  # for example a file of another version of numba
+            return self._cache.load_overload(signature, context)
+        return None
+
     def save_overload(self, signature: Any, data: Any) -> None:  # noqa: ANN401
-        for _ in range(2):
-            try:
-                self._cache.save_overload(signature, data)
-            except Exception:  # noqa: BLE001 - as above, for the old index; or the disk is full
-                with contextlib.suppress(OSError):
-                    self._cache.flush()  # delete the old index, and try again
-            else:
-                return
+        """Save machine code for all that wait for it."""
+        try:
+            for _ in range(2):
+                try:
+                    self._cache.save_overload(signature, data)
+                except Exception:  # noqa: BLE001 - as above, for the old index; or the disk is full
+                    with contextlib.suppress(OSError):
+                        self._cache.flush()  # delete the old index, and try again
+                else:
+                    return
+        finally:
+            self.give_up()
+
+    def give_up(self) -> None:
+        """Let others compile, if this failed."""
+        if self._turn:
+            self._turn.end()

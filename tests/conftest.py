@@ -1,8 +1,11 @@
+import contextlib
 import gc
 import os
 import signal
 import sys
 from functools import partial
+from importlib import import_module
+from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: further threads would only wait, and disturb others
 
@@ -45,6 +48,23 @@ for _number in (signal.SIGHUP, signal.SIGQUIT):
 
 
 gc.disable()  # until all is collected
+
+_HEAVY = ("scipy.stats", "pandas", "numba", "matplotlib.figure", "optuna.storages", "fastapi", "rdata")
+"""What much of the collection imports."""
+
+
+def pytest_sessionstart(session):
+    """Each worker begins with other modules, so that it finds the byte code of the others instead of compiling all."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw")
+    if not worker or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    number, count = int(worker), int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+    root = Path(__file__).parent
+    tests = sorted(root.rglob("test_*.py"))
+    for names in (_HEAVY, [".".join(path.relative_to(root.parent).with_suffix("").parts) for path in tests]):
+        for name in names[number::count]:
+            with contextlib.suppress(Exception):  # the collection tells it
+                import_module(name)
 
 
 def pytest_collection_finish():

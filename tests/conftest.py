@@ -16,6 +16,7 @@ from mercator_design import jit
 from mercator_design.cli import main
 from mercator_design.missions import plugins
 from mercator_design.race.running.executors import available_jobs
+from tests.view.browser import browser
 
 # A first example may compile a kernel, so its time says nothing.
 settings.register_profile("project", deadline=None)
@@ -130,3 +131,16 @@ def mdesign_once():
         assert not stop.value.code
 
     return run
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("browser")) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def page(chromium):
+    """A page of the browser that all modules share."""
+    yield chromium
+    chromium.open("about:blank")  # which ends its event streams

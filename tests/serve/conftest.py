@@ -12,7 +12,6 @@ from mercator_design.serve.settings import Settings
 from tests.serve.races import BUDGET, House
 from tests.serve.serving import serving
 from tests.serve.still import ANN, BOB, still
-from tests.view.browser import browser
 
 
 class IdleProcess:
@@ -103,19 +102,6 @@ def address(service):
     """The address of the service, for browsers."""
     with serving(guarded(service)) as one:
         yield one
-
-
-@pytest.fixture(scope="session")
-def chromium(tmp_path_factory):
-    with browser(tmp_path_factory.mktemp("browser")) as page:
-        yield page
-
-
-@pytest.fixture(scope="module")
-def page(chromium):
-    """A page of the browser that all modules share."""
-    yield chromium
-    chromium.open("about:blank")  # which ends its event streams
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from tests.serve.accessibility import serious_faults
 from tests.view.browser import CHROMIUM
 
-pytestmark = [pytest.mark.together, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
+pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
 PAGES = ("/", "/new", "/fsm", "/compare", "/gallery", "/jobs/before", "/login")
 LOOKS = {"light": {}, "dark": {"dark": True}, "phone": {"width": 375}}

@@ -9,7 +9,7 @@ from mercator_design.serve.web.assets import assets
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in
 from tests.view.browser import CHROMIUM
 
-pytestmark = pytest.mark.together
+pytestmark = pytest.mark.together("browser")
 
 PAGES = ("/fsm", "/compare", "/gallery")
 

@@ -12,7 +12,7 @@ from mercator_design.serve.web.assets import assets
 from tests.serve.machines import client_of, race_in
 from tests.view.browser import CHROMIUM
 
-pytestmark = pytest.mark.together
+pytestmark = pytest.mark.together("browser")
 
 SHORT = """schema: 1
 name: short

@@ -11,9 +11,9 @@ from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.page import ReplayPage
-from tests.view.browser import CHROMIUM, browser
+from tests.view.browser import CHROMIUM
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
 READY = "new Promise((done) => { const wait = setInterval(() => window.player && (clearInterval(wait), done()), 5); })"
 DECODED = """player.replays.map((replay) => {
@@ -60,12 +60,6 @@ def folder(shown, cleaning, tmp_path_factory):
     folder = tmp_path_factory.mktemp("viewer")
     ReplayPage([shown, cleaning]).save(folder / "page.html")
     return folder
-
-
-@pytest.fixture(scope="module")
-def page(folder):
-    with browser(folder) as page:
-        yield page
 
 
 @pytest.fixture

@@ -79,9 +79,9 @@ def _resampled_means(
         if n:
             values = np.array([samples[k] for k in which]).T
             within = order[order < m].reshape(RESAMPLES, m)
-            for row in range(RESAMPLES):
-                some[row, which] = values[within[row, :n]].mean(axis=0)
-                others[row, which] = values[within[row, n:]].mean(axis=0)
+            for rows in np.array_split(np.arange(RESAMPLES), RESAMPLES // 50):  # all at once would take much memory
+                some[np.ix_(rows, which)] = values[within[rows, :n]].mean(axis=1)
+                others[np.ix_(rows, which)] = values[within[rows, n:]].mean(axis=1)
     return some, others
 
 

@@ -1,7 +1,7 @@
 """How robots move: the original's law where nothing touches, and what contacts may do."""
 
 import dataclasses
-import itertools
+import functools
 import math
 
 import numpy as np
@@ -178,51 +178,50 @@ def test_wheel_noise_is_proportional_to_speed():
 
 def test_robots_touch_nothing_before_they_have_made_a_step_in_the_space(monkeypatch):
     """In no step of crowded runs a robot comes to overlap a wall or robot if it is not in the space, or new there."""
-    steps = []
+    poses, close = [], []
     step = Referee.step
 
     def noted(referee):
         step(referee)
         referee.read()
-        steps.append((referee.swarm.poses[:, :3].copy(), set(np.flatnonzero(referee.swarm.close))))
+        poses.append(referee.swarm.poses[:, :3].copy())
+        close.append(referee.swarm.close.astype(bool))
 
     monkeypatch.setattr(Referee, "step", noted)
     world = simulator(robots=8, duration=30, robot_model=BLIND)
     free = new = touching = 0
     for seed in range(3):
-        steps.clear()
+        poses.clear()
+        close.clear()
         world.run(WANDER, seed, referee=True)
-        for (before, settled), (after, close) in itertools.pairwise(steps):
-            touching += sum(beyond_walls(after[i]) > 0 for i in close)
-            free += 8 - len(close)
-            new += len(close - settled)
-            for i in set(range(8)) - (close & settled):
-                assert beyond_walls(after[i]) - max(0.0, beyond_walls(before[i])) <= 1e-9
-                for j in range(8):
-                    if i != j:
-                        deeper = overlap(after[i], after[j]) - max(0.0, overlap(before[i], before[j]))
-                        assert deeper <= 1e-9
+        settled, now = np.array(close[:-1]), np.array(close[1:])
+        beyond, depth = beyond_walls(np.array(poses)), overlaps(np.array(poses))
+        touching += np.sum(beyond[1:][now] > 0)
+        free += np.sum(~now)
+        new += np.sum(now & ~settled)
+        others = ~(settled & now)
+        assert (beyond[1:] - np.maximum(0.0, beyond[:-1]))[others].max() <= 1e-9
+        deeper = depth[1:] - np.maximum(0.0, depth[:-1])
+        deeper[:, range(8), range(8)] = 0.0  # of a robot and itself
+        assert deeper[others].max() <= 1e-9
     assert min(free, new, touching) > 100  # there was something to see of each
 
 
-def beyond_walls(pose):
-    """How far [m] the outermost corner of a robot lies beyond the dodecagon's walls; negative if within."""
-    x, y, heading = pose
+def beyond_walls(poses):
+    """How far [m] the outermost corner of robots (..., 3) lies beyond the dodecagon's walls; negative if within."""
+    x, y, heading = np.moveaxis(poses[..., None, :], -1, 0)
     normals = 2 * math.pi * np.arange(12) / 12
     extent = 0.143 * (np.abs(np.cos(normals - heading)) + np.abs(np.sin(normals - heading)))
-    return float((x * np.cos(normals) + y * np.sin(normals) + extent).max() - 1.226)
+    return (x * np.cos(normals) + y * np.sin(normals) + extent).max(axis=-1) - 1.226
 
 
-def overlap(one, other):
-    """How deep two boxes overlap [m] along the axis that separates them best; negative if apart."""
-    depths = []
-    for a, b in ((one, other), (other, one)):
-        x, y = other[0] - one[0], other[1] - one[1]
-        turn = b[2] - a[2]
-        half = 0.143 * (1 + abs(math.cos(turn)) + abs(math.sin(turn)))
-        c, s = math.cos(a[2]), math.sin(a[2])
-        depths += [half - abs(c * x + s * y), half - abs(c * y - s * x)]
-    return min(depths)
+def overlaps(poses):
+    """How deep boxes (..., n, 3) overlap each other [m], along the axis that separates a pair best; negative if apart."""
+    x, y, turn = np.moveaxis(poses[..., None, :, :] - poses[..., :, None, :], -1, 0)
+    c, s = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
+    half = 0.143 * (1 + np.abs(np.cos(turn)) + np.abs(np.sin(turn)))
+    depths = half - np.maximum(np.abs(c * x + s * y), np.abs(c * y - s * x))  # along the axes of the first
+    return np.minimum(depths, np.swapaxes(depths, -1, -2))
 
 
 @pytest.mark.parametrize(
@@ -255,6 +254,12 @@ def test_fixed_poses_that_touch_are_named():
         simulator(robots=2, placement=at((0, 0, 0), (0.1, 0, 0))).run(EXPLORE, 1)
 
 
+@functools.cache
+def pentagon():
+    room = simulator(sides=5, apothem=0.9, obstacles="[{center: [0.2, 0.1], size: [0.3, 0.2], angle: 0.5}]")
+    return room.instance(0).scene
+
+
 @given(
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)), min_size=2, max_size=5),
     st.floats(0.01, 0.5),
@@ -263,8 +268,7 @@ def test_fixed_poses_that_touch_are_named():
 )
 def test_a_place_is_free_where_pymunk_finds_nothing(poses, half_length, half_width, round_):
     """The first poses are taken, the last one is tried, in a room with a box."""
-    scene = simulator(sides=5, apothem=0.9, obstacles="[{center: [0.2, 0.1], size: [0.3, 0.2], angle: 0.5}]")
-    scene = scene.instance(0).scene
+    scene = pentagon()
     rows = np.array([[x, y, math.cos(heading), math.sin(heading)] for x, y, heading in poses])
     n = len(rows) - 1
     free = first_free(rows[n:], rows[:n], scene.walls, scene.boxes, half_length, half_width, round_)

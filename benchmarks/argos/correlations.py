@@ -80,8 +80,8 @@ def _resampled_means(
             values = np.array([samples[k] for k in which]).T
             within = order[order < m].reshape(RESAMPLES, m)
             for rows in np.array_split(np.arange(RESAMPLES), RESAMPLES // 50):  # all at once would take much memory
-                some[np.ix_(rows, which)] = values[within[rows, :n]].mean(axis=1)
-                others[np.ix_(rows, which)] = values[within[rows, n:]].mean(axis=1)
+                some[rows[:, np.newaxis], which] = values[within[rows, :n]].mean(axis=1)
+                others[rows[:, np.newaxis], which] = values[within[rows, n:]].mean(axis=1)
     return some, others
 
 

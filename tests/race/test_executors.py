@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from mercator_design.race.running.executors import Failed, ProcessExecutor, in_order
+from mercator_design.race.running.executors import Failed, Items, ProcessExecutor, in_order
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import Conformance, WorkersConformance
@@ -73,21 +73,15 @@ class TestGroups:
     def test_an_item_that_is_not_known_yet_ends_one(self):
         walk = Walk()
 
-        class Items:
-            def __init__(self, *items):
-                self._items = iter(items)
+        todo = [0, 1, 2, 3, None, 5, 6]
 
-            def __iter__(self):
-                return self
-
-            def __next__(self):
-                return next(self._items)
-
-            def __length_hint__(self):
-                return 100
+        def make(_):
+            if not todo:
+                raise StopIteration
+            return todo.pop(0)
 
         with ThreadExecutor(1, clock=lambda: 0.0) as executor:
-            results = list(executor.run(walk, Items(0, 1, 2, 3, None, 5, 6)))
+            results = list(executor.run(walk, Items(make, lambda: 100)))
         assert results == [(k, k) for k in (0, 1, 2, 3, 5, 6)]
         assert walk.groups() == [[0], [1, 2, 3], [5, 6]]
 

@@ -216,7 +216,7 @@ def beyond_walls(poses):
 
 
 def overlaps(poses):
-    """How deep boxes (..., n, 3) overlap each other [m], along the axis that separates a pair best; negative if apart."""
+    """How deep boxes (..., n, 3) overlap [m], along the axis that separates a pair best; negative if apart."""
     x, y, turn = np.moveaxis(poses[..., None, :, :] - poses[..., :, None, :], -1, 0)
     c, s = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
     half = 0.143 * (1 + np.abs(np.cos(turn)) + np.abs(np.sin(turn)))

@@ -6,6 +6,7 @@ runs. If an experiment fails, its result is a `Failed`; the executor does not ra
 """
 
 import collections
+import itertools
 import os
 import pickle
 import signal
@@ -16,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import takewhile
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 from mercator_design.errors import RaceError, described
@@ -89,6 +89,28 @@ class Executor(Protocol):
         """
 
 
+class Items(Generic[T]):
+    """Items for `Executor.run`, each made when it is taken.
+
+    Args:
+        make: Returns the item at a position, as `run` takes it; raises StopIteration if there are no more.
+        n_known: Returns how many can be taken now without waiting: the length hint.
+    """
+
+    def __init__(self, make: Callable[[int], T | None], n_known: Callable[[], int]) -> None:
+        self._make, self._n_known = make, n_known
+        self._positions = itertools.count()
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> T | None:
+        return self._make(next(self._positions))
+
+    def __length_hint__(self) -> int:
+        return self._n_known()
+
+
 def available_jobs() -> int:
     """Number of cores that this process may use."""
     from joblib import cpu_count
@@ -130,7 +152,7 @@ def in_order(
     found: dict[int, R] = {}
     failed: list[Failed] = []
 
-    for place, result in executor.run(function, takewhile(lambda _: not (failed or stopped()), items)):
+    for place, result in executor.run(function, itertools.takewhile(lambda _: not (failed or stopped()), items)):
         if isinstance(result, Failed):
             failed.append(result)
         else:

@@ -16,7 +16,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count
 from typing import Generic, TypeVar
 
 from mercator_design.errors import RaceError
@@ -34,7 +33,7 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     TestDone,
 )
-from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, attempt
+from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, Items, attempt
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
 from mercator_design.race.running.record import Record
@@ -143,7 +142,7 @@ class RaceRun(Generic[T]):
         """Run the race to its end under each of the record's budgets."""
         record = self._record
         yield from self._advance()
-        for place, result in self._executor.run(self.problem.function, _Items(self._next_item, self._todo)):
+        for place, result in self._executor.run(self.problem.function, Items(self._next_item, lambda: len(self._todo))):
             experiment = self._under_way.pop(place)
             is_run = self.problem.evaluate is not None and not read_result(result)[2]
             if experiment in self._missing and not is_run:
@@ -382,23 +381,6 @@ class RaceRun(Generic[T]):
             raise _another(f"the end {end}", f"{noted}")
         self._n_ends += 1
         self._ended = self._n_ends == len(self._record.budgets)
-
-
-class _Items(Generic[T]):
-    """The items of a race; the length hint is how many of its batch have not begun."""
-
-    def __init__(self, item: Callable[[int], T | None], todo: Sequence[Experiment]) -> None:
-        self._item, self._todo = item, todo
-        self._places = count()
-
-    def __iter__(self) -> Iterator[T | None]:
-        return self
-
-    def __next__(self) -> T | None:
-        return self._item(next(self._places))
-
-    def __length_hint__(self) -> int:
-        return len(self._todo)
 
 
 def _another(expected: str, found: str) -> RaceError:

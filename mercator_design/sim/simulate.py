@@ -143,14 +143,14 @@ class Simulator:
         prepared.run(referee=referee)
         return prepared.outcome()
 
-    def prepare(self, pfsm: Pfsm, seed: int, *, record: bool = False) -> "PreparedExperiment":
+    def prepare(self, pfsm: Pfsm, seed: int, *, record: bool = False) -> PreparedExperiment:
         """All that comes before the compiled loop of `run`; arguments and errors are those of `run`."""
         program, reads = _tables(pfsm)
         if not reads <= self._senses:
             self.check(pfsm)
         return self._prepared(seed, program, self.mission.cycles, everything=record)
 
-    def _prepared(self, seed: int, program: Program, cycles: int, *, everything: bool) -> "PreparedExperiment":
+    def _prepared(self, seed: int, program: Program, cycles: int, *, everything: bool) -> PreparedExperiment:
         instance = self.instance(seed)
         start = instance.scene._replace(floor=instance.scene.floor.copy())
         history = new_history(cycles, self.mission.robots, everything=everything)

@@ -36,8 +36,13 @@ def local_cluster(n_workers, allowed_failures=1):
     distributed = pytest.importorskip("distributed")
     import dask
 
+    config = {
+        "distributed.scheduler.allowed-failures": allowed_failures,
+        # A local cluster ends what replaces a dead worker if it has not registered until then.
+        "distributed.deploy.lost-worker-timeout": "1 hour",
+    }
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": allowed_failures}),
+        dask.config.set(config),
         distributed.LocalCluster(
             n_workers=n_workers,
             threads_per_worker=1,

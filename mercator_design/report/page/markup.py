@@ -76,6 +76,5 @@ def text(lines: str) -> Html:
 def command(text: str, name: str = "") -> Html:
     """Text to copy, with a button that does it."""
     data = f' data-text="{name}"' if name else ""
-    return Html(
-        f'<div class="copy"><pre{data}>{escaped(text)}</pre><button type="button" data-copy>Copy</button></div>'
-    )
+    shown = f'<pre tabindex="0"{data}>{escaped(text)}</pre>'  # a long text scrolls, also by keys
+    return Html(f'<div class="copy">{shown}<button type="button" data-copy>Copy</button></div>')

@@ -266,7 +266,11 @@ def _link(row: Row, name: str, path: Path) -> str:
 def _messages(service: Service, row: Row) -> Html:
     """The messages of the process of a job, for its owner."""
     text = last_messages(service.store.folder(row.id) / OUTPUT)
-    shown = f"<pre>{escaped_lines(printable_lines(text))}</pre>" if text else '<p class="faint">There are none.</p>'
+    shown = (
+        f'<pre tabindex="0">{escaped_lines(printable_lines(text))}</pre>'
+        if text
+        else '<p class="faint">There are none.</p>'
+    )
     is_open = " open" if row.state == "failed" and text else ""
     return Html(
         f'<div id="messages" data-live="{address(row, "/messages")}"><details{is_open}>'

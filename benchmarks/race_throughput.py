@@ -12,7 +12,8 @@ one), with as many cores as jobs. For each race:
     ran ahead  experiments that idle workers ran and the race did not ask for
 
 Races: each mission with the default method in threads; on the first mission also each method, and each executor; all
-with each number of jobs. Missions of more than 10 robots have the budget --small.
+with each number of jobs. Missions of more than 10 robots have the budget --small. A small race before each imports what
+is imported when it is needed.
 
 Then races with many simulated workers: their experiments take durations (CPU time) that were measured in the races
 before, on a virtual clock. The race itself runs, and its CPU time passes on that clock; messages to workers cost
@@ -47,7 +48,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from mercator_design import jit, seeds
 from mercator_design.designer import Designer
-from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
@@ -63,7 +63,8 @@ from mercator_design.sim.simulate import Simulator
 T = TypeVar("T")
 R = TypeVar("R")
 EXECUTORS = ("threads", "processes", "dask")
-ANY = Pfsm((State("stop"),))
+SMALL = 300
+"""Budget of the race before each race, which is not measured."""
 
 
 class Spent(NamedTuple):
@@ -253,8 +254,8 @@ def measure(mission: str, method: str, kind: str, jobs: int, budget: int) -> Thr
     time_loops()
     designer = Designer(simulator, budget=budget, seed=1, method=method)
     with executor_of(kind, jobs) as executor:
-        for _ in executor.run(designer.function, [(ANY, k) for k in range(4 * jobs)]):  # workers load the kernels
-            pass
+        small = Designer(simulator, budget=SMALL, seed=2, method=method)
+        RaceRun(small, executor).finish()  # workers also load the kernels
         before = free_share(jobs)
         executor.spent.clear()
         wall, cpu = time.perf_counter(), time.process_time()

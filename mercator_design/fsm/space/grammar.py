@@ -31,32 +31,32 @@ DIGITS = 2
 """Decimals of real parameters, as AutoMoDe designs them."""
 
 
+class _Chosen(NamedTuple):
+    """What stands in the grammar for a module at a place."""
+
+    name: str  # of the module
+    number: str
+    parameters: tuple[str, ...]  # their names
+    are_whole: tuple[bool, ...]
+
+
 class _TransitionNames(NamedTuple):
-    """Names of a transition's parameters; `suffix` ends those of its condition."""
+    """Names of a transition's parameters, and its condition by number and by name."""
 
     target: str
     condition: str
-    suffix: str
+    by_number: Mapping[str, _Chosen]
+    by_name: Mapping[str, _Chosen]
 
 
 class _StateNames(NamedTuple):
-    """Names of a state's parameters; `suffix` ends those of its behaviour."""
+    """Names of a state's parameters, and its behaviour by number and by name."""
 
     behaviour: str
     connections: str
-    suffix: str
+    by_number: Mapping[str, _Chosen]
+    by_name: Mapping[str, _Chosen]
     transitions: tuple[_TransitionNames, ...]
-
-
-_NAMES = tuple(
-    _StateNames(
-        f"S{i}",
-        f"NumConnections{i}",
-        f"{i}",
-        tuple(_TransitionNames(f"N{i}x{j}", f"C{i}x{j}", f"{i}x{j}") for j in range(MAX_TRANSITIONS)),
-    )
-    for i in range(MAX_STATES)
-)
 
 
 def parameters_text(flavour: str) -> str:
@@ -103,21 +103,15 @@ def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
 
 def to_states(configuration: Mapping[str, Value], flavour: str) -> tuple[State, ...]:
     """The states of a configuration's PFSM, without the checks of `Pfsm`."""
-    behaviours, conditions = modules_of(flavour)
-
-    def values(module: Module, index: str) -> tuple[float, ...]:
-        return tuple([float(configuration[parameter.grammar + index]) for parameter in module.parameters])
-
     states = []
-    for i in range(int(configuration["NumStates"])):
-        names = _NAMES[i]
+    for i, names in enumerate(_names(flavour)[: int(configuration["NumStates"])]):
         transitions = []
         for edge in names.transitions[: int(configuration.get(names.connections, 0))]:
-            condition = conditions[int(configuration[edge.condition])]
+            condition = edge.by_number[str(configuration[edge.condition])]
             target = absolute_target(i, int(configuration[edge.target]))
-            transitions.append(Transition(condition.name, values(condition, edge.suffix), target))
-        behaviour = behaviours[int(configuration[names.behaviour])]
-        states.append(State(behaviour.name, values(behaviour, names.suffix), tuple(transitions)))
+            transitions.append(Transition(condition.name, _values(configuration, condition), target))
+        behaviour = names.by_number[str(configuration[names.behaviour])]
+        states.append(State(behaviour.name, _values(configuration, behaviour), tuple(transitions)))
     return tuple(states)
 
 
@@ -129,21 +123,58 @@ def from_pfsm(pfsm: Pfsm) -> dict[str, Value]:
 def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
     """The configuration of the PFSM of some states."""
     configuration: dict[str, Value] = {"NumStates": len(states)}
-
-    def add(module: Module, values: Iterable[float], index: str) -> None:
-        for parameter, value in zip(module.parameters, values, strict=True):
-            configuration[parameter.grammar + index] = int(value) if parameter.integer else float(value)
-
-    for i, (state, names) in enumerate(zip(states, _NAMES, strict=False)):
-        configuration[names.behaviour] = str(state.module.numbers[flavour])
-        add(state.module, state.parameters, names.suffix)
+    for i, (state, names) in enumerate(zip(states, _names(flavour), strict=False)):
+        behaviour = names.by_name[state.behaviour]
+        configuration[names.behaviour] = behaviour.number
+        _put(configuration, behaviour, state.parameters)
         if state.transitions:
             configuration[names.connections] = len(state.transitions)
         for transition, edge in zip(state.transitions, names.transitions, strict=False):
+            condition = edge.by_name[transition.condition]
             configuration[edge.target] = relative_target(i, transition.target)
-            configuration[edge.condition] = str(transition.module.numbers[flavour])
-            add(transition.module, transition.parameters, edge.suffix)
+            configuration[edge.condition] = condition.number
+            _put(configuration, condition, transition.parameters)
     return configuration
+
+
+def _values(configuration: Mapping[str, Value], chosen: _Chosen) -> tuple[float, ...]:
+    return tuple([float(configuration[name]) for name in chosen.parameters])
+
+
+def _put(configuration: dict[str, Value], chosen: _Chosen, values: Iterable[float]) -> None:
+    for name, value, is_whole in zip(chosen.parameters, values, chosen.are_whole, strict=True):
+        configuration[name] = int(value) if is_whole else float(value)
+
+
+@functools.cache
+def _names(flavour: str) -> tuple[_StateNames, ...]:
+    """The names of the grammar for each state."""
+    behaviours, conditions = modules_of(flavour)
+
+    def choices(modules: Mapping[int, Module], index: str) -> tuple[dict[str, _Chosen], dict[str, _Chosen]]:
+        found = [
+            _Chosen(
+                module.name,
+                str(number),
+                tuple(parameter.grammar + index for parameter in module.parameters),
+                tuple(parameter.integer for parameter in module.parameters),
+            )
+            for number, module in modules.items()
+        ]
+        return {one.number: one for one in found}, {one.name: one for one in found}
+
+    def transition(index: str) -> _TransitionNames:
+        return _TransitionNames(f"N{index}", f"C{index}", *choices(conditions, index))
+
+    return tuple(
+        _StateNames(
+            f"S{i}",
+            f"NumConnections{i}",
+            *choices(behaviours, f"{i}"),
+            tuple(transition(f"{i}x{j}") for j in range(MAX_TRANSITIONS)),
+        )
+        for i in range(MAX_STATES)
+    )
 
 
 @functools.cache

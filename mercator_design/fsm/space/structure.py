@@ -98,23 +98,31 @@ def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> lis
 
 
 def _canonical(states: Sequence[State]) -> tuple[State, ...]:
-    def rank(edge: Transition, places: Mapping[int, int]) -> tuple[object, ...]:
-        return edge.condition, edge.parameters, states[edge.target].behaviour, places[edge.target]
+    def ranked(edges: Sequence[Transition], places: Sequence[int]) -> Sequence[Transition]:
+        if len(edges) < 2:
+            return edges
+        return sorted(
+            edges,
+            key=lambda edge: (edge.condition, edge.parameters, states[edge.target].behaviour, places[edge.target]),
+        )
 
-    numbers = {i: i for i in range(len(states))}
-    edges = [sorted(state.transitions, key=lambda edge: rank(edge, numbers)) for state in states]
+    numbers = range(len(states))
+    edges = [ranked(state.transitions, numbers) for state in states]
     order = [0]
     for i in order:
         order += dict.fromkeys(edge.target for edge in edges[i] if edge.target not in order)
-    place = {old: new for new, old in enumerate(order)}
+    if order == list(numbers):
+        return tuple(
+            State(state.behaviour, state.parameters, tuple(own)) for state, own in zip(states, edges, strict=True)
+        )
+    place = [0] * len(states)
+    for new, old in enumerate(order):
+        place[old] = new
     return tuple(
         State(
             states[i].behaviour,
             states[i].parameters,
-            tuple(
-                Transition(edge.condition, edge.parameters, place[edge.target])
-                for edge in sorted(edges[i], key=lambda edge: rank(edge, place))
-            ),
+            tuple(Transition(edge.condition, edge.parameters, place[edge.target]) for edge in ranked(edges[i], place)),
         )
         for i in order
     )

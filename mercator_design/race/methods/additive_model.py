@@ -77,7 +77,9 @@ def _fit(costs: Floats) -> tuple[Floats, Floats]:
     of_row, of_column = filled.sum(axis=1), filled.sum(axis=0)
     means, offsets = of_row / a_row, np.zeros(costs.shape[1])
     for _ in range(_PASSES):
-        offsets = (of_column - means @ known) / a_column
+        before, offsets = offsets, (of_column - means @ known) / a_column
         offsets -= np.add.reduce(offsets) / len(offsets)  # the mean, in a third of its time
+        if (offsets == before).all():  # nothing would change any more
+            break
         means = (of_row - known @ offsets) / a_row
     return means, offsets

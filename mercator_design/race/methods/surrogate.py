@@ -13,6 +13,7 @@ to fit.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -61,6 +62,19 @@ class Features:
         return found
 
 
+class _Points(NamedTuple):
+    """Features, each times the root of its parameter's weight."""
+
+    places: Floats  # shape (n, features)
+    squares: Floats  # their squared lengths, shape (n,)
+
+
+def _distances(ones: _Points, others: _Points) -> Floats:
+    apart: Floats = 0.5 * np.add.outer(ones.squares, others.squares) - ones.places @ others.places.T
+    apart = np.maximum(apart, 0.0).round(_DIGITS)
+    return apart
+
+
 class Surrogate:
     """A Gaussian process over features, for standardised costs."""
 
@@ -80,10 +94,10 @@ class Surrogate:
         """
         self.adapt(features, costs, noise)
         noise = np.maximum(noise, _MIN_NOISE)
-        self._features = features
         self._scale = np.sqrt(np.exp(self._theta[:-1]))[self._owner]
         self._variance = math.exp(self._theta[-1])
-        lower = np.linalg.cholesky(self._covariance(features, features) + np.diag(noise))
+        self._known = self._scaled(features)
+        lower = np.linalg.cholesky(self._covariance(self._known, self._known) + np.diag(noise))
         self._whitening = np.linalg.inv(lower)
         self._weights = self._whitening.T @ (self._whitening @ costs)
         expected: Floats = np.round(costs - noise * self._weights, _DIGITS)
@@ -91,21 +105,22 @@ class Surrogate:
 
     def predict(self, features: Floats) -> tuple[Floats, Floats]:
         """Means and standard deviations, each of shape (n,)."""
-        across = self._covariance(features, self._features)
+        across = self._covariance(self._scaled(features), self._known)
         known = across @ self._whitening.T
         variance = np.maximum(self._variance - (known * known).sum(axis=1), 0.0)
         return np.round(across @ self._weights, _DIGITS), np.round(np.sqrt(variance), _DIGITS)
 
     def means(self, features: Floats) -> Floats:
         """The means of `predict`, in a small part of its time."""
-        found: Floats = np.round(self._covariance(features, self._features) @ self._weights, _DIGITS)
+        found: Floats = np.round(self._covariance(self._scaled(features), self._known) @ self._weights, _DIGITS)
         return found
 
     def sample(self, features: Floats, n: int, generator: Generator) -> Floats:
         """Functions sampled from the posterior, at n_points points each, shape (n, n_points)."""
-        across = self._covariance(features, self._features)
+        here = self._scaled(features)
+        across = self._covariance(here, self._known)
         known = across @ self._whitening.T
-        posterior = self._covariance(features, features) - known @ known.T
+        posterior = self._covariance(here, here) - known @ known.T
         jitter = 1e-6 * self._variance * np.eye(len(features))
         lower = np.linalg.cholesky(posterior + jitter)
         draws = generator.normal(size=(n, len(features)))
@@ -114,14 +129,14 @@ class Surrogate:
 
     def distances(self, features: Floats, others: Floats) -> Floats:
         """Distances of configurations, shape (n, others)."""
-        one = features * self._scale
-        other = one if others is features else others * self._scale
-        squares = (one * one).sum(axis=1)[:, np.newaxis] + (other * other).sum(axis=1)
-        apart: Floats = np.round(np.maximum(0.5 * squares - one @ other.T, 0.0), _DIGITS)
-        return apart
+        return _distances(self._scaled(features), self._scaled(others))
 
-    def _covariance(self, features: Floats, others: Floats) -> Floats:
-        found: Floats = self._variance * np.exp(-self.distances(features, others))
+    def _scaled(self, features: Floats) -> _Points:
+        places = features * self._scale
+        return _Points(places, (places * places).sum(axis=1))
+
+    def _covariance(self, ones: _Points, others: _Points) -> Floats:
+        found: Floats = self._variance * np.exp(-_distances(ones, others))
         return found
 
     def adapt(self, features: Floats, costs: Floats, noise: Floats) -> None:
@@ -135,7 +150,8 @@ class Surrogate:
         for step in range(1, _STEPS + 1):
             self._scale = np.sqrt(np.exp(theta[:-1]))[self._owner]
             self._variance = math.exp(theta[-1])
-            signal = self._covariance(features, features)
+            here = self._scaled(features)
+            signal = self._covariance(here, here)
             inverse = np.linalg.inv(signal + np.diag(noise))
             weights = inverse @ costs
             pull = (np.outer(weights, weights) - inverse) * signal

@@ -51,7 +51,7 @@ def test_robots_that_meet_too_late_are_found(capsys, monkeypatch):
 
 
 def test_few_experiments_of_all_crowds(capsys):
-    assert same_distribution.main(["--experiments", "4", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
+    assert same_distribution.main(["--experiments", "2", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
     text = capsys.readouterr().out
     assert "reached: 0 reject" in text
     for crowd in same_distribution.CROWDS:

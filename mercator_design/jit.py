@@ -5,32 +5,26 @@ A kernel is a plain Python function in a small subset of the language (floats, t
 form of one entry function, in which every call of a marked function is compiled too. So there is one definition of each
 behaviour, and control software runs without numba.
 
-Compiled code is cached in a folder named by a digest of its sources: numba itself does not notice an edited callee
-(numba issue 1833) and would run the old code.
+Compiled code is cached in folders named by digests of its sources (kernel_sources.py).
 """
 
 import contextlib
 import functools
-import hashlib
 import importlib
-import inspect
-import json
 import os
 import re
 import sys
 import threading
-import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from mercator_design import inlining
+from mercator_design import inlining, kernel_sources
 from mercator_design.system import kernel_cache
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
 
-_PACKAGE = Path(__file__).parent
 _waiting: list[Callable[..., Any]] = []
 _marked: set[Callable[..., Any]] = set()
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
@@ -113,7 +107,7 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
         # the references to all passed arrays would take two thirds of the time.
         options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
         entry: Any = numba.njit(**options)(function)
-        cache = kernel_cache.keep_whole(entry._cache, _register_waiting)  # noqa: SLF001 - the only way in
+        cache = kernel_cache.keep_whole(entry._cache, _part(function), _register_waiting)  # noqa: SLF001 - no other way
         entry._cache = cache  # noqa: SLF001
     finally:
         numba.config.CACHE_DIR = usual
@@ -160,7 +154,8 @@ def is_cached(function: Callable[..., Any]) -> bool:
     folder = cache_folder()
     if folder is None:
         return False
-    return any(map(kernel_cache.is_whole, folder.glob(f"**/*.{function.__qualname__}-*.{python}*.nbi")))
+    name = kernel_cache.folder_of(function, _part(function), "*")
+    return any(map(kernel_cache.is_whole, folder.glob(f"{name}/*.{function.__qualname__}-*.{python}*.nbi")))
 
 
 @contextlib.contextmanager
@@ -198,7 +193,12 @@ def cache_warning() -> str:
 
 @functools.cache
 def _cache() -> kernel_cache.Place:
-    return kernel_cache.place(kernels_digest()[:16])
+    return kernel_cache.place(kernel_sources.digest(kernel_sources.package_files(), ())[:16])
+
+
+def _part(function: Callable[..., Any]) -> str:
+    """What else the cache of an entry function is named by, if its code has kernels that are not of this package."""
+    return kernel_sources.foreign_part(function, _marked)
 
 
 def compiling_began() -> bool:
@@ -208,55 +208,17 @@ def compiling_began() -> bool:
 
 def kernel_files() -> list[Path]:
     """The source files of compiled code: those of this package, and those of marked functions elsewhere."""
-    folders = ("fsm", "missions", "sim")
-    files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
-    return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit", "inlining")), *_foreign_sources()]
+    return [*kernel_sources.package_files(), *kernel_sources.sources(_foreign())]
 
 
 def kernels_digest() -> str:
     """A digest of all sources of compiled code, as hexadecimal text."""
-    digest = hashlib.sha256()
-    foreign = _foreign_sources()
-    for file in kernel_files():
-        source = foreign[file] if file in foreign else file.read_bytes()
-        digest.update(file.name.encode() + b"\0" + source + b"\0")
-    for text in sorted(map(_frozen, _foreign())):
-        digest.update(text.encode() + b"\0")
-    return digest.hexdigest()
+    return kernel_sources.digest(kernel_sources.package_files(), _foreign())
 
 
 def _foreign() -> list[Callable[..., Any]]:
     """The marked functions outside this package."""
-    ours = f"{_PACKAGE}{os.sep}"
-    return [function for function in _marked if not function.__code__.co_filename.startswith(ours)]
-
-
-def _foreign_sources() -> dict[Path, bytes]:
-    """The source files of `_foreign` by path, with their contents at loading time if these are known."""
-    found: dict[Path, bytes] = {}
-    for function in _foreign():
-        name = function.__code__.co_filename
-        with contextlib.suppress(OSError):
-            get_data = getattr(function.__globals__.get("__loader__"), "get_data", None)
-            found[Path(name)] = get_data(name) if get_data else Path(name).read_bytes()
-    return dict(sorted(found.items()))
-
-
-def _frozen(function: Callable[..., Any]) -> str:
-    """The inputs of compiled code from a function: its code, and the globals that it reads."""
-    around = inspect.getclosurevars(function)
-    found = {**around.globals, **around.nonlocals}
-    for name, value in {**found}.items():
-        if isinstance(value, types.ModuleType):
-            found |= {f"{name}.{key}": getattr(value, key, None) for key in function.__code__.co_names}
-    values = sorted((name, value) for name, value in found.items() if not isinstance(value, dict))
-    code = function.__code__.co_code.hex(), function.__code__.co_consts
-    return json.dumps([function.__qualname__, code, values], default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    """An array as a list; None for anything else, such as a function."""
-    return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None
+    return [function for function in _marked if kernel_sources.is_foreign(function)]
 
 
 def _register_waiting() -> None:

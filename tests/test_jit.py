@@ -9,9 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design import jit
+from mercator_design import jit, kernel_sources
 from mercator_design.fsm.behaviours import behave
 from mercator_design.fsm.conditions import logistic, probability
+from mercator_design.missions.dynamics import change_floor
+from mercator_design.missions.plugins import CHANGES
+from mercator_design.sim.kernels import kernel
+from mercator_design.sim.kernels.placing import first_free
 from mercator_design.system import kernel_cache
 
 SCRIPT = """
@@ -191,6 +195,63 @@ def test_the_cache_is_named_by_every_file_that_has_kernels():
     for file in package.rglob("*.py"):
         if "@jittable" in file.read_text():
             assert file.name in names
+
+
+class TestPartsOfOtherKernels:
+    """What an entry function's compiled form has of kernels outside the package names its cache, and nothing else."""
+
+    HELPER = "from mercator_design.jit import jittable\n@jittable\ndef helper(x):\n    return {} * x\n"
+    ENTRY = "import helpers\ndef entry(x):\n    return helpers.helper(x)\n"
+
+    @pytest.fixture
+    def marked(self):
+        """Functions that are marked are no longer so afterwards."""
+        before = jit.marked()
+        yield
+        jit.forget(jit.marked() - before)
+
+    def test_a_kernel_of_the_package_has_none(self, marked):
+        @jit.jittable
+        def other(x):
+            return x
+
+        for entry in (kernel.experiment, change_floor, logistic):
+            assert kernel_sources.foreign_part(entry, jit.marked()) == ""
+
+    @pytest.mark.usefixtures("registries", "marked")
+    def test_a_dynamic_is_a_part_of_the_loop_and_an_objective_is_not(self):
+        @jit.jittable
+        def faded(floor, table, poses, time):
+            return time
+
+        CHANGES.append(faded)
+        with_faded = [kernel_sources.foreign_part(entry, jit.marked()) for entry in (kernel.experiment, change_floor)]
+        assert with_faded[0] == with_faded[1] != ""
+        assert kernel_sources.foreign_part(first_free, jit.marked()) == ""
+
+    def test_an_edit_of_a_file_that_is_imported_counts(self, tmp_path, monkeypatch, marked):
+        monkeypatch.syspath_prepend(tmp_path)
+        (tmp_path / "mine.py").write_text(self.ENTRY)
+        parts = []
+        for factor in (2, 33, 2):
+            (tmp_path / "helpers.py").write_text(self.HELPER.format(factor))
+            for name in ("mine", "helpers"):
+                sys.modules.pop(name, None)
+            importlib.invalidate_caches()
+            parts.append(kernel_sources.foreign_part(importlib.import_module("mine").entry, jit.marked()))
+        for name in ("mine", "helpers"):
+            sys.modules.pop(name)
+        assert parts[0] == parts[2] != parts[1]
+
+    def test_one_that_is_patched_in_counts(self, monkeypatch, marked):
+        before = kernel_sources.foreign_part(kernel.begin_step, jit.marked())
+
+        @jit.jittable
+        def other(scene, swarm, i, steps):
+            return steps
+
+        monkeypatch.setitem(kernel.begin_step.__globals__, "glide", other)
+        assert before == "" != kernel_sources.foreign_part(kernel.begin_step, jit.marked())
 
 
 def test_a_dispatcher_calls_by_number():

@@ -101,7 +101,12 @@ def _is_trusted(group: int) -> bool:
     return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
-def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> "Forgiving":  # noqa: ANN401 - numba has no types
+def folder_of(function: Callable[..., Any], part: str, version: str) -> str:
+    """The name of the folder of a function's compiled form, by a version of numba."""
+    return "-".join([function.__module__ or "", *([part] if part else []), "numba", version])
+
+
+def keep_whole(cache: Any, part: str, before_compiling: Callable[[], None]) -> "Forgiving":  # noqa: ANN401 - numba has no types
     """Make numba's cache of one function load only complete files, and raise only for a lack of memory.
 
     Installations with the same sources share compiled code: numba would look in a folder named by the path of the
@@ -109,6 +114,7 @@ def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> "Forgiving":
 
     Args:
         cache: The cache.
+        part: A digest of the sources that the folder of all caches is not named by.
         before_compiling: Called if the cache does not have what is wanted.
     """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
@@ -117,11 +123,11 @@ def keep_whole(cache: Any, before_compiling: Callable[[], None]) -> "Forgiving":
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
     from importlib.metadata import version  # slow to import, and a robot compiles nothing
 
-    if f"{function.__module__}".startswith(f"{__package__.partition('.')[0]}."):
-        folder = str(Path(cache.cache_path).parent / f"{function.__module__}-numba-{version('numba')}")
-        implementation.locator.get_cache_path = lambda: folder
-        source = Path(function.__code__.co_filename).read_bytes()
-        files.__init__(folder, implementation.filename_base, hashlib.blake2b(source).digest())
+    folder = str(Path(cache.cache_path).parent / folder_of(function, part, version("numba")))
+    implementation.locator.get_cache_path = lambda: folder
+    file = Path(function.__code__.co_filename)
+    source = file.read_bytes() if file.is_file() else b""  # of a notebook there is no file
+    files.__init__(folder, implementation.filename_base, hashlib.blake2b(source).digest())
     kind: Any = type(files)
 
     class Whole(kind):  # type: ignore[misc]  # as said above

@@ -71,8 +71,8 @@ class _Points(NamedTuple):
 
 def _distances(ones: _Points, others: _Points) -> Floats:
     apart: Floats = 0.5 * np.add.outer(ones.squares, others.squares) - ones.places @ others.places.T
-    apart = np.maximum(apart, 0.0).round(_DIGITS)
-    return apart
+    found: Floats = np.maximum(apart, 0.0).round(_DIGITS)
+    return found
 
 
 class Surrogate:

@@ -1,0 +1,99 @@
+"""The sources of compiled code, and their digests.
+
+numba itself does not notice an edited callee (numba issue 1833) and would run the old code. Kernels of this package are
+told from those of plugins, tests and benchmarks: these are *foreign*.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import json
+import os
+import types
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+Kernel = Callable[..., Any]
+
+_PACKAGE = Path(__file__).parent
+
+
+def package_files() -> list[Path]:
+    """The source files of this package from which compiled code is made."""
+    folders = ("fsm", "missions", "sim")
+    files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
+    return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit", "inlining"))]
+
+
+def is_foreign(kernel: Kernel) -> bool:
+    """Whether a kernel is not of this package."""
+    return not kernel.__code__.co_filename.startswith(f"{_PACKAGE}{os.sep}")
+
+
+def sources(kernels: Iterable[Kernel]) -> dict[Path, bytes]:
+    """The source files of kernels by path, with their contents when they were loaded, if these are known."""
+    found: dict[Path, bytes] = {}
+    for kernel in kernels:
+        name = kernel.__code__.co_filename
+        with contextlib.suppress(OSError):
+            get_data = getattr(kernel.__globals__.get("__loader__"), "get_data", None)
+            found[Path(name)] = get_data(name) if get_data else Path(name).read_bytes()
+    return dict(sorted(found.items()))
+
+
+def digest(files: Iterable[Path], foreign: Collection[Kernel]) -> str:
+    """A digest of source files and of foreign kernels, as hexadecimal text."""
+    found = {**{file: file.read_bytes() for file in files}, **sources(foreign)}
+    digest = hashlib.sha256()
+    for file, source in found.items():
+        digest.update(file.name.encode() + b"\0" + source + b"\0")
+    for text in sorted(map(_frozen, foreign)):
+        digest.update(text.encode() + b"\0")
+    return digest.hexdigest()
+
+
+def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
+    """A digest of the foreign kernels in the compiled form of an entry function; empty if there are none.
+
+    Args:
+        entry: The entry function.
+        marked: All functions that compiled code may call.
+    """
+    if not (is_foreign(entry) or any(map(is_foreign, marked))):
+        return ""
+    found, waiting = {entry}, [entry]
+    for kernel in waiting:
+        new = [called for called in _named(kernel) if called in marked and called not in found]
+        found.update(new)
+        waiting += new
+    foreign = [kernel for kernel in found if is_foreign(kernel)]
+    return digest((), foreign)[:16] if foreign else ""
+
+
+def _named(kernel: Kernel) -> list[Kernel]:
+    """The functions that a kernel can call: those that it names, and the links of a dispatcher."""
+    values = [*_read(kernel).values(), *getattr(kernel, "links", ())]
+    return [value for value in values if isinstance(value, types.FunctionType)]
+
+
+def _read(kernel: Kernel) -> dict[str, Any]:
+    """The globals and the variables of enclosing functions that a kernel reads, and what it reads of modules."""
+    around = inspect.getclosurevars(kernel)
+    found = {**around.globals, **around.nonlocals}
+    for name, value in {**found}.items():
+        if isinstance(value, types.ModuleType):
+            found |= {f"{name}.{key}": getattr(value, key, None) for key in kernel.__code__.co_names}
+    return found
+
+
+def _frozen(kernel: Kernel) -> str:
+    """What is compiled of a kernel: its code, and the values that it reads."""
+    values = sorted((name, value) for name, value in _read(kernel).items() if not isinstance(value, dict))
+    code = kernel.__code__.co_code.hex(), kernel.__code__.co_consts
+    return json.dumps([kernel.__qualname__, code, values], default=_plain)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """An array as a list; None for anything else, such as a function."""
+    return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None

@@ -70,7 +70,6 @@ def pytest_sessionstart(session):
 
 def pytest_collection_finish():
     """What was collected stays until the end: no need to look through it each time for garbage."""
-    gc.collect()
     gc.freeze()
     gc.enable()
 

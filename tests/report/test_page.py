@@ -168,6 +168,11 @@ class TestNumbers:
         assert sections == ["answer", "request", "course", "choice", "importance", "replays", "origin"]
         assert [one["href"] for one in page.all("href")] == [f"#{name}" for name in sections]
 
+    def test_what_scrolls_is_reached_by_keys(self, page):
+        scrolling = [one for one in page.all("class") if one["class"] == "scroll"]
+        assert len(scrolling) >= 8
+        assert all(one.get("tabindex") == "0" for one in scrolling)
+
     def test_every_figure_has_a_caption_with_its_command(self, page, raced):
         n_figures = sum(tag == "figure" for tag, _ in page.elements)
         captions = re.findall(r"<figcaption>.*?<code>(.*?)</code></figcaption>", (raced / REPORT).read_text())

@@ -9,7 +9,16 @@ from tests.view.browser import CHROMIUM
 
 pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
-PAGES = ("/", "/new", "/fsm", "/compare", "/gallery", "/jobs/before", "/login")
+PAGES = {
+    "/": "document.querySelector('table.jobs')",
+    "/new": "!document.getElementById('picture').hidden",
+    "/fsm": "document.querySelector('#diagram button')",
+    "/compare": "true",
+    "/gallery": "document.querySelector('.diagram svg')",
+    "/jobs/before": "document.querySelector('#answer svg') && document.querySelector('#about section')",
+    "/login": "true",
+}
+"""Each with what is true when all of it is there."""
 LOOKS = {"light": {}, "dark": {"dark": True}, "phone": {"width": 375}}
 
 
@@ -24,7 +33,9 @@ def raced_before(service, raced):
 @pytest.mark.parametrize("path", PAGES)
 def test_no_serious_fault_and_room_on_a_phone(page, address, path, look):
     page.open(address + path, **LOOKS[look])
+    page.wait_for(PAGES[path])
     page.wait_for("!document.querySelector('.htmx-request, [aria-busy=true]')")
+    assert page.evaluate("[...document.querySelectorAll('.scroll')].every((one) => one.tabIndex === 0)")
     assert look != "phone" or page.evaluate("document.documentElement.scrollWidth") <= 375
     assert serious_faults(page) == []
 

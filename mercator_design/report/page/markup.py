@@ -30,9 +30,9 @@ def note(*texts: object) -> Html:
 
 def figure(svg: str, caption: object, command: str, *, is_wide: bool = False) -> Html:
     """A picture with its caption, and the command that made it."""
-    wide, scrolled = (' class="wide"', ' tabindex="0"') if is_wide else ("", "")
+    wide = ' class="wide"' if is_wide else ""
     return Html(
-        f'<figure{wide}><div class="scroll"{scrolled}>{svg}</div>'
+        f'<figure{wide}><div class="scroll" tabindex="0">{svg}</div>'
         f"<figcaption>{html(caption)} <code>{escaped(command)}</code></figcaption></figure>"
     )
 

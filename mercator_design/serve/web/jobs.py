@@ -138,9 +138,8 @@ def _table(rows: list[Row], user: User) -> Html:
     head = ["Mission", "State", "Experiments", "Best", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
     titles = "".join(f'<th scope="col">{one}</th>' for one in head)
     lines = "".join(_line(row, user, has_owners=has_owners) for row in rows)
-    return Html(
-        f'<div class="scroll"><table class="jobs"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table></div>'
-    )
+    whole = f'<table class="jobs"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>'
+    return Html(f'<div class="scroll" tabindex="0">{whole}</div>')
 
 
 def _line(row: Row, user: User, *, has_owners: bool) -> Html:

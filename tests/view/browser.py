@@ -27,7 +27,18 @@ _KEYS = {
     "ArrowRight": 39,
     "ArrowDown": 40,
 }
-_OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe")
+_SWAPS = "BackForwardCache,ProactivelySwapBrowsingInstance,SpareRendererForSitePerProcess"
+_OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-extensions",
+    "--renderer-process-limit=1",  # all pages are shown by one process: to start others takes long
+    "--disable-site-isolation-trials",
+    f"--disable-features={_SWAPS}",
+    "--remote-debugging-pipe",
+)
 
 
 class PageLeftError(AssertionError):
@@ -50,8 +61,16 @@ class Page:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
 
-    def open(self, place, *, width=1200, height=800, dark=False):
-        """Open a file or an address; complaints and requests are those of this page from now on."""
+    def open(self, place, *, width=1200, height=800, dark=False, storage=None):
+        """Open a file or an address; complaints and requests are those of this page from now on.
+
+        Args:
+            place: The file or address.
+            width: Of the page [pixels].
+            height: Of the page [pixels].
+            dark: Whether the user likes dark colours.
+            storage: What alone the local storage of the place has before the page runs; None leaves it as it is.
+        """
         address = place.as_uri() if isinstance(place, Path) else place
         self.complaints.clear()
         self.requests.clear()
@@ -60,8 +79,13 @@ class Page:
         )
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self._call("Emulation.setEmulatedMedia", features=scheme)
+        if storage is not None:
+            fill = f"localStorage.clear(); Object.assign(localStorage, {json.dumps(storage)})"
+            script = self._call("Page.addScriptToEvaluateOnNewDocument", source=fill)
         self._call("Page.navigate", url=address)
         self.wait_for_load()
+        if storage is not None:
+            self._call("Page.removeScriptToEvaluateOnNewDocument", **script)
         self.requests[:] = [url for url in self.requests if url != address and not url.startswith("data:")]
 
     def wait_for_load(self):

@@ -68,10 +68,10 @@ class SharedDesk:
 
 @pytest.fixture(scope="session", autouse=True)
 def shared_helpers(tmp_path_factory):
-    """Services with the usual settings share their helpers, because each takes seconds to start."""
+    """Services with the usual settings share one helper, because each takes seconds to start."""
     usual = Settings()
     limits = (usual.helpers, usual.helper_seconds, usual.helper_memory, usual.plugins)
-    desk = Desk(*limits, tmp_path_factory.mktemp("helpers"))
+    desk = Desk(1, *limits[1:], tmp_path_factory.mktemp("helpers"))
 
     def desk_of(*given):
         return SharedDesk(desk) if given[:-1] == limits else Desk(*given)

@@ -7,6 +7,7 @@ from datetime import timedelta
 import pytest
 from starlette.responses import PlainTextResponse
 
+from mercator_design.serve import database
 from mercator_design.serve.accounts import attempts, refusals
 from mercator_design.serve.accounts import users as users_module
 from mercator_design.serve.accounts.accounts import Accounts
@@ -45,6 +46,14 @@ class Application:
 @pytest.fixture
 def application():
     return Application()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_databases():
+    """The space that sessions reserve on the disk takes long to write, and does nothing here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(database, "_RESERVE", 1)
+        yield
 
 
 @pytest.fixture

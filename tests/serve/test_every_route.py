@@ -10,7 +10,7 @@ from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.refusals import SAFE
-from mercator_design.serve.app import application, guarded, openings
+from mercator_design.serve.app import application, guarded
 from mercator_design.serve.designs import Design
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.service import Service
@@ -54,7 +54,13 @@ def lab(tmp_path_factory, idle_races):
         design = service.designs.create(design, "--nstates 1 --s0 1\n", "name: x\n").id
         with TestClient(guarded(service), base_url="http://localhost", follow_redirects=False) as client:
             yield SimpleNamespace(
-                service=service, client=client, tokens=tokens, private=private, shared=shared, design=design
+                service=service,
+                client=client,
+                routes=routes(service),
+                tokens=tokens,
+                private=private,
+                shared=shared,
+                design=design,
             )
 
 
@@ -81,13 +87,9 @@ def sent(lab, method, path, token=None, **given):
     return lab.client.request(method, path, headers=headers, **body, **given)
 
 
-def is_open(service, method, path):
-    return openings(application(service)).are_open(method, path)
-
-
 @pytest.mark.parametrize("token", [None, "malformed", "unknown", "expired", "revoked", "gone"])
 def test_nobody_gets_in_without_a_valid_token(lab, token):
-    for (method, path), job in itertools.product(routes(lab.service), ("x", lab.private, lab.shared)):
+    for (method, path), job in itertools.product(lab.routes, ("x", lab.private, lab.shared)):
         if (method, path) not in OPEN:
             answer = sent(lab, method, filled(path, job), token)
             assert answer.status_code == 401, (method, path)
@@ -95,9 +97,7 @@ def test_nobody_gets_in_without_a_valid_token(lab, token):
 
 
 def test_nor_by_other_methods(lab):
-    paths = sorted(
-        {path for _, path in routes(lab.service)} | {"/nothing", "/api/v1", "/docs", "/redoc", "/openapi.json"}
-    )
+    paths = sorted({path for _, path in lab.routes} | {"/nothing", "/api/v1", "/docs", "/redoc", "/openapi.json"})
     for method, path in itertools.product(METHODS, paths):
         if (method, path) not in OPEN:
             assert sent(lab, method, filled(path, lab.private)).status_code == 401, (method, path)
@@ -108,7 +108,7 @@ def test_nor_with_a_session_that_has_ended(lab):
     holder = accounts.users.verify(lab.tokens["ana"])
     secret = accounts.sessions.begin(holder.token, holder.expires)
     accounts.sessions.end(secret)
-    for method, path in routes(lab.service):
+    for method, path in lab.routes:
         if (method, path) not in OPEN:
             headers = {"cookie": f"session={secret}"}
             answer = lab.client.request(method, filled(path, lab.private), headers=headers)
@@ -132,7 +132,7 @@ def test_what_is_open_says_nothing_of_jobs(lab):
 def test_what_is_of_another_user_is_not_there(lab):
     """A job, a design, and whatever else has an id: the answer is that for one that does not exist."""
     checked = set()
-    for method, path in routes(lab.service):
+    for method, path in lab.routes:
         if "{id}" in path:
             private = lab.design if "/designs/" in path else lab.private
             missing = "x" * len(private)
@@ -145,7 +145,7 @@ def test_what_is_of_another_user_is_not_there(lab):
 
 
 def test_a_shared_job_is_seen_and_not_changed(lab):
-    for method, path in routes(lab.service):
+    for method, path in lab.routes:
         if "{id}" in path and "/api/v1/jobs/" in path and method not in SAFE:
             assert sent(lab, method, filled(path, lab.shared), "bob").status_code in (403, 422), (method, path)
     assert sent(lab, "GET", f"/api/v1/jobs/{lab.shared}", "bob").status_code == 200
@@ -153,7 +153,7 @@ def test_a_shared_job_is_seen_and_not_changed(lab):
 
 
 def test_no_list_has_jobs_of_another_user(lab):
-    for method, path in routes(lab.service):
+    for method, path in lab.routes:
         if method == "GET" and "{" not in path:
             answer = sent(lab, method, path, "bob")
             assert answer.status_code < 500
@@ -166,7 +166,7 @@ def test_no_list_has_jobs_of_another_user(lab):
 
 
 def test_bodies_of_forms_are_refused_everywhere(lab):
-    for method, path in routes(lab.service):
+    for method, path in lab.routes:
         if method not in SAFE and (method, path) not in OPEN:
             headers = {"authorization": f"Bearer {lab.tokens['ana']}"}
             answer = lab.client.request(method, filled(path, "x"), headers=headers, data={"a": "b"})
@@ -174,7 +174,7 @@ def test_bodies_of_forms_are_refused_everywhere(lab):
 
 
 def test_every_answer_has_the_headers(lab):
-    for (method, path), token in itertools.product(routes(lab.service), (None, "bob")):
+    for (method, path), token in itertools.product(lab.routes, (None, "bob")):
         headers = sent(lab, method, filled(path, "x"), token).headers
         assert headers["x-content-type-options"] == "nosniff", (method, path)
         assert "unsafe-inline" not in re.sub(r"style-src[^;]*", "", headers["content-security-policy"]), (method, path)

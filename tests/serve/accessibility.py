@@ -1,19 +1,28 @@
 """Checks of pages by axe-core 4.14.1 (tests/data/axe.min.js, Mozilla Public License 2.0)."""
 
+import json
 from pathlib import Path
 
 AXE = Path("tests/data/axe.min.js")
 
 
-def faults(page, *impacts):
-    """The faults of a page of these impacts: each with its name and where it is."""
-    page.evaluate(AXE.read_text(encoding="utf-8") + "; true")
+def faults(page, *impacts, rules="*"):
+    """The faults of a page of these impacts: each with its name and where it is.
+
+    Args:
+        page: The page.
+        impacts: Of the faults.
+        rules: "*" for all, or a tag of axe-core for those that have it.
+    """
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(AXE.read_text(encoding="utf-8") + "; true")
+    options = {"resultTypes": ["violations"]} | ({} if rules == "*" else {"runOnly": [rules]})
     return page.evaluate(
-        "axe.run(document, { resultTypes: ['violations'] }).then((one) => one.violations"
+        f"axe.run(document, {json.dumps(options)}).then((one) => one.violations"
         f".filter((each) => {list(impacts)!r}.includes(each.impact))"
         ".map((each) => `${each.id}: ${each.nodes.map((node) => node.target).join(' ')}`))"
     )
 
 
-def serious_faults(page):
-    return faults(page, "serious", "critical")
+def serious_faults(page, **given):
+    return faults(page, "serious", "critical", **given)

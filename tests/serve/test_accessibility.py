@@ -19,7 +19,6 @@ PAGES = {
     "/login": "true",
 }
 """Each with what is true when all of it is there."""
-LOOKS = {"light": {}, "dark": {"dark": True}, "phone": {"width": 375}}
 
 
 @pytest.fixture(scope="module")
@@ -29,18 +28,33 @@ def raced_before(service, raced):
 
 
 @pytest.mark.usefixtures("raced_before")
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("width", [1200, 375])
 @pytest.mark.parametrize("path", PAGES)
-def test_no_serious_fault_and_room_on_a_phone(page, address, path, look):
-    page.open(address + path, **LOOKS[look])
+def test_no_serious_fault_and_room_on_a_phone(page, address, path, width):
+    page.open(address + path, width=width)
     page.wait_for(PAGES[path])
     page.wait_for("!document.querySelector('.htmx-request, [aria-busy=true]')")
     assert page.evaluate("[...document.querySelectorAll('.scroll')].every((one) => one.tabIndex === 0)")
-    assert look != "phone" or page.evaluate("document.documentElement.scrollWidth") <= 375
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert serious_faults(page) == []
+    if width == 1200:
+        page.like_dark()
+        assert page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
+        assert serious_faults(page, rules="cat.color") == []
 
 
 def test_a_fault_is_found(page, address):
     page.open(f"{address}/login")
     page.evaluate("document.querySelector('main').append(document.createElement('select')); true")
     assert [fault.partition(":")[0] for fault in serious_faults(page)] == ["select-name"]
+
+
+def test_a_fault_of_dark_colours_is_found(page, address):
+    page.open(f"{address}/login")
+    page.evaluate(
+        "document.querySelector('main').append(Object.assign(document.createElement('p'), { textContent: 'x' }))"
+    )
+    page.evaluate("document.querySelector('main p:last-child').style.color = '#222'")
+    assert serious_faults(page, rules="cat.color") == []
+    page.like_dark()
+    assert [fault.partition(":")[0] for fault in serious_faults(page, rules="cat.color")] == ["color-contrast"]

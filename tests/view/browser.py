@@ -77,8 +77,7 @@ class Page:
         self._call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
         )
-        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-        self._call("Emulation.setEmulatedMedia", features=scheme)
+        self.like_dark(dark)
         if storage is not None:
             fill = f"localStorage.clear(); Object.assign(localStorage, {json.dumps(storage)})"
             script = self._call("Page.addScriptToEvaluateOnNewDocument", source=fill)
@@ -87,6 +86,11 @@ class Page:
         if storage is not None:
             self._call("Page.removeScriptToEvaluateOnNewDocument", **script)
         self.requests[:] = [url for url in self.requests if url != address and not url.startswith("data:")]
+
+    def like_dark(self, dark=True):
+        """Whether the user likes dark colours, from now on."""
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self._call("Emulation.setEmulatedMedia", features=scheme)
 
     def wait_for_load(self):
         """Wait until the page has loaded."""

@@ -1,6 +1,8 @@
 """Writes a dataclass as YAML that people and `parse` can read."""
 
+import functools
 import hashlib
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,12 +13,18 @@ from mercator_design.config import schema
 
 def dump(value: object) -> str:
     """The YAML text of a dataclass, with every default filled in: `parse(dump(x), type(x))` equals x."""
-    return yaml.dump(plain(value), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return _text_of(json.dumps(plain(value)))
 
 
 def digest_of(value: object) -> str:
     """16 hexadecimal digits; equal for values whose texts (`dump`) are equal."""
     return hashlib.sha256(dump(value).encode()).hexdigest()[:16]
+
+
+@functools.lru_cache(maxsize=64)
+def _text_of(data: str) -> str:
+    """The YAML text of JSON data. Most of a program's texts are of the same few missions and robots."""
+    return yaml.dump(json.loads(data), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars

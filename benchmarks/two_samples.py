@@ -47,11 +47,16 @@ def interval_of_share(some: np.ndarray, others: np.ndarray, level: float = 0.95)
     """Bounds of `share_above` in the populations: percentiles over samples drawn anew from both, with a fixed seed."""
     random = np.random.default_rng(1)
     above = (some[:, None] > others) + 0.5 * (some[:, None] == others)
-    rows = random.integers(len(some), size=(_RESAMPLES, len(some)))
-    columns = random.integers(len(others), size=(_RESAMPLES, len(others)))
-    shares = [above[row][:, column].mean() for row, column in zip(rows, columns, strict=True)]
+    rows, columns = (_times_drawn(random, size) for size in above.shape)
+    shares = ((rows @ above) * columns).sum(axis=1) / above.size
     low, high = np.quantile(shares, [0.5 * (1 - level), 0.5 * (1 + level)])
     return float(low), float(high)
+
+
+def _times_drawn(random: np.random.Generator, size: int) -> np.ndarray:
+    """How often each of `size` values is drawn (resamples, size), as numbers with a fraction."""
+    drawn = random.integers(size, size=(_RESAMPLES, size)) + size * np.arange(_RESAMPLES)[:, None]
+    return np.bincount(drawn.ravel(), minlength=size * _RESAMPLES).reshape(_RESAMPLES, size).astype(float)
 
 
 def van_elteren(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> float:

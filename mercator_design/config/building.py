@@ -6,6 +6,7 @@ path of the key, what was expected with its unit, what was found, and a suggesti
 """
 
 import dataclasses
+import functools
 import math
 import re
 import types
@@ -62,9 +63,9 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
         raise Fault
     base, rules = schema.unwrapped(kind)
     value = _builder(base)(node, base, way)
-    if value is _WRONG or (value is not None and not all(rule.allows(value) for rule in rules)):
+    if value is _WRONG or (rules and value is not None and not all(rule.allows(value) for rule in rules)):
         raise Fault(message(node, way, f"{_expected(kind, way)}, found {node.found}{_hint(node, base, way)}"))
-    if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
+    if rules and any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
         if node.folder is None:
             raise Fault(
                 message(node, way, f"expected no file, because this text may not name files, found {node.found}")
@@ -83,7 +84,12 @@ def is_name(text: str) -> bool:
     return not ("/" in text or "\\" in text or text.endswith((".yaml", ".yml")))
 
 
+_SCALARS = (float, int, str, bool, types.NoneType)
+
+
 def _builder(base: Kind) -> Callable[[Node, Kind, Way | None], Any]:
+    if base in _SCALARS:
+        return _scalar
     if base is object:
         return lambda node, _, __: node.content
     if schema.is_union(base):
@@ -198,7 +204,7 @@ def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa
     If the tag is wrong, the other mistakes are found with the nearest dataclass.
     """
     (key, tagged), wrong = schema.tags(kinds), _Mistakes()
-    specification, holders = _of_any(kinds, key)
+    specification, holders = _of_any(tuple(kinds), key)
     word, node = _tagged(node, key, tagged, specification, way, wrong)
     if not wrong.any:
         return build(node, tagged[word], way)
@@ -209,7 +215,8 @@ def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa
     raise Fault(*wrong)
 
 
-def _of_any(kinds: list[Kind], tag: str) -> tuple[Specification, dict[str, Holder]]:
+@functools.cache
+def _of_any(kinds: tuple[Kind, ...], tag: str) -> tuple[Specification, dict[str, Holder]]:
     """The keys of several dataclasses, and for each key a dataclass that has it.
 
     Any value is accepted for the tag, and for a key whose annotations differ.

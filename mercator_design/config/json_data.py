@@ -83,6 +83,8 @@ def reader(kind: Kind) -> Callable[[Any], Any]:
     if not rules:
         return read
     allows = [rule.allows for rule in rules]
+    if len(allows) == 1:
+        return _checked_once(read, *allows)
 
     def checked(data: Any) -> Any:  # noqa: ANN401 - as all readers here
         value = read(data)
@@ -92,6 +94,14 @@ def reader(kind: Kind) -> Callable[[Any], Any]:
             if not allowed(value):
                 return WRONG
         return value
+
+    return checked
+
+
+def _checked_once(read: Callable[[Any], Any], allows: Callable[[Any], bool]) -> Callable[[Any], Any]:
+    def checked(data: Any) -> Any:  # noqa: ANN401
+        value = read(data)
+        return value if value is WRONG or value is None or allows(value) else WRONG
 
     return checked
 
@@ -129,12 +139,16 @@ def _tuple(base: Kind) -> Callable[[Any], Any]:
     kinds = typing.get_args(base)
     several = kinds[-1] is Ellipsis
     readers = [reader(kind) for kind in kinds if kind is not Ellipsis]
+    first = readers[0]
 
     def read(data: Any) -> Any:  # noqa: ANN401
         if not isinstance(data, list) or not (several or len(data) == len(readers)):
             return WRONG
-        values = tuple(one(item) for one, item in zip(readers * len(data) if several else readers, data, strict=True))
-        return WRONG if any(value is WRONG for value in values) else values
+        if several:
+            values = [first(item) for item in data]
+        else:
+            values = [one(item) for one, item in zip(readers, data, strict=True)]
+        return WRONG if WRONG in values else tuple(values)
 
     return read
 

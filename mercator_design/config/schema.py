@@ -180,7 +180,7 @@ Name = Annotated[str, Pattern(r"\w[\w .+-]{0,99}", "letters, digits, spaces and 
 
 def origin_of(kind: Kind) -> Kind:
     """As `typing.get_origin`, whose type mypy takes too literally."""
-    return typing.get_origin(kind)
+    return None if type(kind) is type else typing.get_origin(kind)  # most are classes
 
 
 def unwrapped(kind: Kind) -> tuple[Kind, list[Rule]]:

@@ -4,19 +4,21 @@ import json
 from pathlib import Path
 
 AXE = Path("tests/data/axe.min.js")
+COLOUR_RULES = ("color-contrast", "link-in-text-block")
+"""The rules of axe-core that are on by default and look at colours."""
 
 
-def faults(page, *impacts, rules="*"):
+def faults(page, *impacts, rules=()):
     """The faults of a page of these impacts: each with its name and where it is.
 
     Args:
         page: The page.
         impacts: Of the faults.
-        rules: "*" for all, or a tag of axe-core for those that have it.
+        rules: Those of axe-core that are checked; by default all.
     """
     if not page.evaluate("'axe' in window"):
         page.evaluate(AXE.read_text(encoding="utf-8") + "; true")
-    options = {"resultTypes": ["violations"]} | ({} if rules == "*" else {"runOnly": [rules]})
+    options = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
     return page.evaluate(
         f"axe.run(document, {json.dumps(options)}).then((one) => one.violations"
         f".filter((each) => {list(impacts)!r}.includes(each.impact))"

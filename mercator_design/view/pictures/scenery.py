@@ -1,5 +1,6 @@
 """The arena, its floor and lights, seen from above: what pictures of missions and of experiments share."""
 
+import itertools
 import math
 from collections.abc import Mapping
 
@@ -104,7 +105,8 @@ def draw_floor(axes: Axes, mission: Mission, floor: FloorTable) -> None:
     rows, columns = (n - n % _FINER for n in grid.shape[:2])
     grid = grid[:rows, :columns]
     colours = colours_at(floor, grid)
-    pixels = colours.reshape(rows // _FINER, _FINER, columns // _FINER, _FINER, 3).mean(axis=(1, 3))
+    within = itertools.product(range(_FINER), repeat=2)  # faster than the mean over two axes
+    pixels = sum(colours[down::_FINER, right::_FINER] for down, right in within) / _FINER**2
     show_pixels(axes, mission, grid, np.round(pixels).astype(np.uint8))
 
 

@@ -145,8 +145,8 @@ class TimedSteps(Timed[T, R]):
 
     function: Stepped[T, R]
 
-    def steps(self, item: T) -> Generator[None, None, tuple[R, Spent]]:
-        steps, watch = self.function.steps(item), Watch()
+    def in_steps(self, item: T) -> Generator[None, None, tuple[R, Spent]]:
+        steps, watch = self.function.in_steps(item), Watch()
         while True:
             with watch:
                 try:

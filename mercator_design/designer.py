@@ -59,7 +59,7 @@ class Experimenter:
         pfsm, seed = item
         return _measured(self.simulator.run(pfsm, seed))
 
-    def steps(self, item: tuple[Pfsm, int]) -> Generator[None, None, Measurement]:
+    def in_steps(self, item: tuple[Pfsm, int]) -> Generator[None, None, Measurement]:
         """The same in three steps, of which the second is the compiled loop (`Stepped`)."""
         prepared = self.simulator.prepare(*item)
         yield

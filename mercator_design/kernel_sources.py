@@ -6,11 +6,10 @@ told from those of plugins, tests and benchmarks: these are *foreign*.
 
 import contextlib
 import hashlib
-import inspect
 import json
 import os
 import types
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -72,26 +71,41 @@ def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
 
 
 def _named(kernel: Kernel) -> list[Kernel]:
-    """The functions that a kernel can call: those that it names, and the links of a dispatcher."""
+    """The functions that a kernel can call: those that it names, also in tables, and the links of a dispatcher."""
     values = [*_read(kernel).values(), *getattr(kernel, "links", ())]
+    values += [one for value in values if isinstance(value, (tuple, list)) for one in value]
     return [value for value in values if isinstance(value, types.FunctionType)]
 
 
 def _read(kernel: Kernel) -> dict[str, Any]:
     """The globals and the variables of enclosing functions that a kernel reads, and what it reads of modules."""
-    around = inspect.getclosurevars(kernel)
-    found = {**around.globals, **around.nonlocals}
-    for name, value in {**found}.items():
+    names = {name for code in _codes(kernel.__code__) for name in code.co_names}
+    found = {name: kernel.__globals__[name] for name in names if name in kernel.__globals__}
+    for name, cell in zip(kernel.__code__.co_freevars, kernel.__closure__ or (), strict=True):
+        with contextlib.suppress(ValueError):  # it has no value yet
+            found[name] = cell.cell_contents
+    waiting = list(found.items())
+    for path, value in waiting:
         if isinstance(value, types.ModuleType):
-            found |= {f"{name}.{key}": getattr(value, key, None) for key in kernel.__code__.co_names}
+            new = {f"{path}.{name}": getattr(value, name) for name in names if hasattr(value, name)}
+            waiting += [(one, new[one]) for one in new if one not in found and new[one] is not value]
+            found |= new
     return found
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """A function's code, and that of the functions and comprehensions in it."""
+    yield code
+    for one in code.co_consts:
+        if isinstance(one, types.CodeType):
+            yield from _codes(one)
 
 
 def _frozen(kernel: Kernel) -> str:
     """What is compiled of a kernel: its code, and the values that it reads."""
     values = sorted((name, value) for name, value in _read(kernel).items() if not isinstance(value, dict))
-    code = kernel.__code__.co_code.hex(), kernel.__code__.co_consts
-    return json.dumps([kernel.__qualname__, code, values], default=_plain)
+    codes = [(code.co_code.hex(), code.co_consts) for code in _codes(kernel.__code__)]
+    return json.dumps([kernel.__qualname__, codes, values], default=_plain)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401

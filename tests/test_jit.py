@@ -201,7 +201,11 @@ class TestPartsOfOtherKernels:
     """What an entry function's compiled form has of kernels outside the package names its cache, and nothing else."""
 
     HELPER = "from mercator_design.jit import jittable\n@jittable\ndef helper(x):\n    return {} * x\n"
-    ENTRY = "import helpers\ndef entry(x):\n    return helpers.helper(x)\n"
+    ENTRIES = (
+        "import parts.helpers\ndef entry(x):\n    return parts.helpers.helper(x)\n",
+        "from parts import helpers as h\ndef entry(x):\n    def f():\n        return h.helper(x)\n    return f()\n",
+        "from parts.helpers import helper\nTABLE = (abs, helper)\ndef entry(x):\n    return TABLE[1](x)\n",
+    )
 
     @pytest.fixture
     def marked(self):
@@ -229,17 +233,19 @@ class TestPartsOfOtherKernels:
         assert with_faded[0] == with_faded[1] != ""
         assert kernel_sources.foreign_part(first_free, jit.marked()) == ""
 
-    def test_an_edit_of_a_file_that_is_imported_counts(self, tmp_path, monkeypatch, marked):
+    @pytest.mark.parametrize("entry", ENTRIES, ids=["dotted", "nested", "table"])
+    def test_an_edit_of_a_file_that_is_imported_counts(self, tmp_path, monkeypatch, marked, entry):
         monkeypatch.syspath_prepend(tmp_path)
-        (tmp_path / "mine.py").write_text(self.ENTRY)
+        (tmp_path / "parts").mkdir()
+        (tmp_path / "mine.py").write_text(entry)
         parts = []
         for factor in (2, 33, 2):
-            (tmp_path / "helpers.py").write_text(self.HELPER.format(factor))
-            for name in ("mine", "helpers"):
+            (tmp_path / "parts" / "helpers.py").write_text(self.HELPER.format(factor))
+            for name in ("mine", "parts", "parts.helpers"):
                 sys.modules.pop(name, None)
             importlib.invalidate_caches()
             parts.append(kernel_sources.foreign_part(importlib.import_module("mine").entry, jit.marked()))
-        for name in ("mine", "helpers"):
+        for name in ("mine", "parts", "parts.helpers"):
             sys.modules.pop(name)
         assert parts[0] == parts[2] != parts[1]
 

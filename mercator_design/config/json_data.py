@@ -83,8 +83,8 @@ def reader(kind: Kind) -> Callable[[Any], Any]:
     if not rules:
         return read
     allows = [rule.allows for rule in rules]
-    if len(allows) == 1:
-        return _checked_once(read, *allows)
+    if len(allows) == 1:  # as most: a loop would take longer
+        return _checked_by_one(read, *allows)
 
     def checked(data: Any) -> Any:  # noqa: ANN401 - as all readers here
         value = read(data)
@@ -98,7 +98,7 @@ def reader(kind: Kind) -> Callable[[Any], Any]:
     return checked
 
 
-def _checked_once(read: Callable[[Any], Any], allows: Callable[[Any], bool]) -> Callable[[Any], Any]:
+def _checked_by_one(read: Callable[[Any], Any], allows: Callable[[Any], bool]) -> Callable[[Any], Any]:
     def checked(data: Any) -> Any:  # noqa: ANN401
         value = read(data)
         return value if value is WRONG or value is None or allows(value) else WRONG

@@ -185,12 +185,14 @@ class Turn:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._descriptors: list[int] = []  # none, or the one of a turn that has begun
+        self._process = 0  # that began it
 
     def begin(self, patience: float = _PATIENCE) -> None:
         """Begin the turn when no other process has its turn, or after so many seconds."""
         self.end()
         end = time.monotonic() + patience
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, IndexError):  # also if another thread ends it meanwhile
+            self._process = os.getpid()
             self._file.parent.mkdir(mode=0o700, exist_ok=True)
             self._descriptors.append(os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
             while not self._is_mine() and time.monotonic() < end:
@@ -207,8 +209,9 @@ class Turn:
         """End the turn, if it has begun."""
         with contextlib.suppress(IndexError):  # also if another thread has ended it just now
             descriptor = self._descriptors.pop()
-            with contextlib.suppress(OSError):
-                fcntl.flock(descriptor, fcntl.LOCK_UN)  # closing would not do if a child has inherited it
+            if self._process == os.getpid():  # a child that has inherited it would end the turn of its parent
+                with contextlib.suppress(OSError):
+                    fcntl.flock(descriptor, fcntl.LOCK_UN)  # closing would not do if a child has inherited it
             os.close(descriptor)
 
 

@@ -31,7 +31,7 @@ class Walk:
     def __init__(self):
         self.steps_made = []
 
-    def steps(self, item):
+    def in_steps(self, item):
         self.steps_made.append(("prepare", item))
         yield
         self.steps_made.append(("finish", item))
@@ -50,6 +50,13 @@ class Walk:
             elif not found or found[-1]:
                 found.append([])
         return found
+
+
+class NoGenerator:
+    in_steps = 1000
+
+    def __call__(self, item):
+        return item
 
 
 class TestGroups:
@@ -84,6 +91,11 @@ class TestGroups:
             results = list(executor.run(walk, Items(make, lambda: 100)))
         assert results == [(k, k) for k in (0, 1, 2, 3, 5, 6)]
         assert walk.groups() == [[0], [1, 2, 3], [5, 6]]
+
+    def test_steps_that_cannot_begin_are_a_failure(self):
+        with ThreadExecutor(1) as executor:
+            ((_, found),) = executor.run(NoGenerator(), [5])
+        assert isinstance(found, Failed)
 
     def test_others_run_one_by_one(self):
         began = []

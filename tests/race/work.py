@@ -34,7 +34,7 @@ def fails(x):
 class FailsInSteps:
     """Doubles in three steps; three items fail."""
 
-    def steps(self, x):
+    def in_steps(self, x):
         for k, step in enumerate(("first", "second", "last"), start=3):
             if x == k:
                 raise ValueError(f"{step} step")
@@ -43,7 +43,7 @@ class FailsInSteps:
         return 2 * x
 
     def __call__(self, x):
-        steps = self.steps(x)
+        steps = self.in_steps(x)
         while True:
             try:
                 next(steps)

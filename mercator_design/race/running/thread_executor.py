@@ -37,7 +37,7 @@ class Stepped(Protocol[T_contra, R_co]):
 
     def __call__(self, item: T_contra) -> R_co: ...
 
-    def steps(self, item: T_contra) -> Generator[None, None, R_co]:
+    def in_steps(self, item: T_contra) -> Generator[None, None, R_co]:
         """Do what a call does, yield after each step but the last, and return what a call returns."""
         ...
 
@@ -145,8 +145,14 @@ def _one_by_one(function: Callable[[T], R], group: Group[T]) -> Results[R]:
 
 def _in_steps(function: Stepped[T, R], group: Group[T]) -> Results[R]:
     """Make the first step of all items, then the second, and so on."""
-    running: dict[int, Generator[None, None, R]] = {index: function.steps(item) for index, item in group}
-    found = []
+    running: dict[int, Generator[None, None, R]] = {}
+    found: Results[R] = []
+    for index, item in group:
+        steps = attempt(function.in_steps, item)
+        if isinstance(steps, Failed):
+            found.append((index, steps))
+        else:
+            running[index] = steps
     while running:
         for index, steps in list(running.items()):
             result = attempt(_step, steps)

@@ -32,7 +32,7 @@ def main() -> None:
             channel = np.repeat(np.arange(channels), n)
             fits = []
             for _ in range(trials):
-                noise = family.distribution(truth).rvs(len(channel), random_state=random)
+                noise = family.draw(random, truth, len(channel))
                 centres = random.uniform(0.0, 100.0 * step, channels)
                 fits.append(fit_noise(levels_of(channel, centres[channel] + noise, step), random))
             errors = np.array([fit.parameter for fit in fits]) / truth - 1.0

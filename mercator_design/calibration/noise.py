@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy import optimize, special, stats
+from scipy import optimize, special
 
 from mercator_design.arrays import Floats, Numbers
 
@@ -94,13 +94,15 @@ class Family:
 
     parameter: The name of the parameter in robot models.
     fit: The fit to measurements; a channel must have three levels or more.
-    distribution: The distribution of scipy for a parameter.
+    draw: So many values, for a parameter.
+    cumulative: The probability of less than each value, for a parameter.
     """
 
     name: Distribution
     parameter: str
     fit: Callable[[Levels], Fit]
-    distribution: Callable[[float], Any]
+    draw: Callable[[np.random.Generator, float, int], Floats]
+    cumulative: Callable[[Floats, float], Floats]
 
 
 def fit_gaussian(levels: Levels) -> Fit:
@@ -140,6 +142,7 @@ def fit_uniform(levels: Levels) -> Fit:
     bottom, reach = levels.level[first], levels.level[last] - levels.level[first]
     lowest, highest, n = levels.count[first], levels.count[last], levels.counts
     step, one = levels.step, reach == 0.0
+    between = (n - lowest - highest) * np.log(step)
 
     def parts(half_width: float | Floats) -> tuple[Floats, Floats]:
         """The covered parts of the lowest and the highest cell of each channel; a column of half widths gives rows."""
@@ -149,8 +152,10 @@ def fit_uniform(levels: Levels) -> Fit:
 
     def log_likelihood(half_width: float | Floats) -> Any:  # noqa: ANN401 - one, or a column of them
         low, high = parts(half_width)
-        found = lowest * np.log(np.where(one, 1.0, low)) + highest * np.log(np.where(one, 1.0, high))
-        found += np.where(one, n * np.log(np.minimum(step, 2.0 * half_width)), (n - lowest - highest) * np.log(step))
+        if one.any():
+            low, high = np.where(one, 1.0, low), np.where(one, 1.0, high)
+        found = lowest * np.log(low) + highest * np.log(high)
+        found += np.where(one, n * np.log(np.minimum(step, 2.0 * half_width)), between)
         return found.sum(axis=-1, keepdims=np.ndim(half_width) > 0) - n.sum() * np.log(2.0 * half_width)
 
     longest = float(reach.max())
@@ -168,8 +173,20 @@ def fit_uniform(levels: Levels) -> Fit:
 
 
 FAMILIES = (
-    Family("gaussian", "sd", fit_gaussian, lambda sd: stats.norm(scale=sd)),
-    Family("uniform", "half_width", fit_uniform, lambda half: stats.uniform(loc=-half, scale=2.0 * half)),
+    Family(
+        "gaussian",
+        "sd",
+        fit_gaussian,
+        draw=lambda random, sd, n: random.normal(0.0, sd, n),
+        cumulative=lambda x, sd: special.ndtr(x / sd),
+    ),
+    Family(
+        "uniform",
+        "half_width",
+        fit_uniform,
+        draw=lambda random, half, n: random.uniform(-half, half, n),
+        cumulative=lambda x, half: np.clip((x + half) / (2.0 * half), 0.0, 1.0),
+    ),
 )
 
 
@@ -199,8 +216,7 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
     fits = [(family, family.fit(levels)) for family in FAMILIES]
     family, fit = max(fits, key=lambda each: each[1].log_likelihood)
     (other,) = (each for _, each in fits if each is not fit)
-    distribution = family.distribution(fit.parameter)
-    simulated = [_simulated(levels, distribution, fit, random) for _ in range(SIMULATIONS)]
+    simulated = [_simulated(levels, family, fit, random) for _ in range(SIMULATIONS)]
     refits = [family.fit(each) for each in simulated]
     distance = _distance(levels, family, fit)
     farther = sum(_distance(*each) >= distance for each in zip(simulated, [family] * SIMULATIONS, refits, strict=True))
@@ -218,17 +234,17 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
     )
 
 
-def _simulated(levels: Levels, distribution: Any, fit: Fit, random: np.random.Generator) -> Levels:  # noqa: ANN401
+def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Generator) -> Levels:
     channel = np.repeat(np.arange(len(fit.centres)), levels.counts)
     centres = fit.centres + random.uniform(-fit.slack, fit.slack, len(fit.centres))
-    noise = distribution.rvs(len(channel), random_state=random)
+    noise = family.draw(random, fit.parameter, len(channel))
     return levels_of(channel, centres[channel] + noise, levels.step)
 
 
 def _distance(levels: Levels, family: Family, fit: Fit) -> float:
     """Kolmogorov's distance between the distributions of noise and measurements, at the middle of cells."""
-    cumulative = family.distribution(fit.parameter).cdf
-    low, high = (cumulative(edge - fit.centres[levels.channel]) for edge in (levels.low, levels.high))
+    centres = fit.centres[levels.channel]
+    low, high = (family.cumulative(edge - centres, fit.parameter) for edge in (levels.low, levels.high))
     place = 0.5 * (low + high)
     order = np.argsort(place)
     below = np.cumsum(levels.count[order]) / levels.count.sum()

@@ -109,8 +109,8 @@ def _draw(axes: Axes, one: SensorNoise, noise: Noise) -> None:
         label="measured",
     )
     x = np.linspace(edges[0], edges[-1], 500)
-    cumulative = noise.family.distribution(noise.parameter).cdf
-    density = (cumulative(x + 0.5 * levels.step) - cumulative(x - 0.5 * levels.step)) / levels.step
+    below, above = (noise.family.cumulative(x + side * levels.step, noise.parameter) for side in (-0.5, 0.5))
+    density = (above - below) / levels.step
     axes.plot(x, density, color=_DENSITY, linewidth=1.0, label="fitted")
     axes.set_yticks([])
     axes.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))

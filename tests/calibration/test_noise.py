@@ -7,6 +7,7 @@ import pytest
 from scipy import optimize, stats
 
 from mercator_design.calibration.noise import FAMILIES, SIMULATIONS, fit_gaussian, fit_noise, fit_uniform, levels_of
+from tests.calibration import recordings
 
 GAUSSIAN, UNIFORM = FAMILIES
 # channels, measurements of each, step, parameter
@@ -16,8 +17,16 @@ CASES = [(3, 300, 1.0, 5.0), (8, 125, 1e-3, 0.03), (300, 20, 0.25, 2.0), (1, 300
 def measured(family, channels, n, step, parameter, seed=1):
     random = np.random.default_rng(seed)
     channel = np.repeat(np.arange(channels), n)
-    noise = family.distribution(parameter).rvs(len(channel), random_state=random)
+    noise = getattr(recordings, family.name)(parameter)(random, len(channel))
     return levels_of(channel, random.uniform(0.0, 10.0, channels)[channel] + noise, step)
+
+
+@pytest.mark.parametrize(("family", "known"), [(GAUSSIAN, stats.norm(0.0, 1.5)), (UNIFORM, stats.uniform(-1.5, 3.0))])
+def test_distributions_are_those_of_scipy(family, known):
+    x = np.linspace(-5.0, 5.0, 101)
+    assert family.cumulative(x, 1.5) == pytest.approx(known.cdf(x), abs=1e-15)
+    drawn = known.rvs(10, random_state=np.random.default_rng(1))
+    assert family.draw(np.random.default_rng(1), 1.5, 10) == pytest.approx(drawn, abs=1e-12)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -66,14 +75,20 @@ def test_the_uniform_fit_is_the_most_likely_one(half_width):
     levels = measured(UNIFORM, 1, 40, 1.0, half_width)
 
     def cost(what):
-        centre, half = what
+        """Of one centre and half width, or of many, along further axes."""
+        centre, half = np.asarray(what)[..., np.newaxis]
         cells = np.minimum(levels.high, centre + half) - np.maximum(levels.low, centre - half)
-        return -(levels.count * np.log(cells / (2.0 * half))).sum() if cells.min() > 0.0 and half > 0.0 else np.inf
+        possible = (cells.min(axis=-1) > 0.0) & (half[..., 0] > 0.0)
+        likely = (levels.count * np.log(np.where(possible[..., np.newaxis], cells / (2.0 * half), 1.0))).sum(axis=-1)
+        return np.where(possible, -likely, np.inf)
 
     fit = fit_uniform(levels)
     middle = 0.5 * (levels.level[0] + levels.level[-1])
     reach = 0.5 * (levels.level[-1] - levels.level[0])
-    found = optimize.brute(cost, [(middle - 1.0, middle + 1.0), (max(reach - 0.5, 0.1), reach + 0.6)], Ns=300)
+    ranges = [(middle - 1.0, middle + 1.0), (max(reach - 0.5, 0.1), reach + 0.6)]
+    grid = np.stack(np.meshgrid(*(np.linspace(*ends, 300) for ends in ranges)))
+    best = np.unravel_index(cost(grid).argmin(), grid.shape[1:])
+    found = optimize.fmin(cost, grid[:, *best], disp=False)
     assert -fit.log_likelihood == pytest.approx(cost(found), abs=1e-3)
     assert cost((fit.centres[0], fit.parameter)) == pytest.approx(-fit.log_likelihood, abs=1e-9)
 

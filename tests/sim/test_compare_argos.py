@@ -7,19 +7,17 @@ import math
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 from benchmarks import compare_argos
-from benchmarks.argos import scores
 from benchmarks.argos.recordings import read, walls
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = pytest.mark.together("argos")  # compiled once
+pytestmark = [pytest.mark.together("argos"), pytest.mark.usefixtures("experiments_once")]  # compiled once
 
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")
@@ -41,25 +39,6 @@ def run(tmp_path, capsys):
         return code, output.out + output.err
 
     return compared
-
-
-@pytest.fixture(autouse=True, scope="module")
-def experiments():
-    """What has run once is not run again: many tests ask for the same experiments."""
-    known, columns = {}, scores._columns
-
-    def known_columns(seeds, measure, jobs):
-        place, pfsm = measure.args
-        simulator = getattr(place, "_simulator", place)
-        rows = known.setdefault((measure.func, repr((simulator.mission, simulator.robot_model)), pfsm), {})
-        if new := [seed for seed in seeds if seed not in rows]:
-            found = columns(new, measure, jobs)
-            rows |= {seed: {name: found[name][k] for name in found} for k, seed in enumerate(new)}
-        return {name: np.array([rows[seed][name] for seed in seeds]) for name in rows[seeds[0]]}
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scores, "_columns", known_columns)
-        yield
 
 
 def cut(mission, n=20):

@@ -41,17 +41,17 @@ def glide_others(scene, swarm, meetings, step):
 
 
 def test_robots_that_meet_too_late_are_found(capsys, monkeypatch):
-    """Thirty experiments tell robots that are in the space a little later than they touch something."""
+    """Twenty experiments tell robots that are in the space a little later than they touch something."""
     engine = same_distribution.as_it_is  # compiled before
     engine(same_distribution.CROWDS[PUSHING], 1)
     monkeypatch.setattr(kernel, "begin_step", glide_others)
-    same = same_distribution.compare(30, rate=FALSE_ALARM, jobs=1, seed=1, crowds=[PUSHING], mark=late)
+    same = same_distribution.compare(20, rate=FALSE_ALARM, jobs=1, seed=1, crowds=[PUSHING], mark=late)
     assert not same
     assert "NOT reached" in capsys.readouterr().out
 
 
 def test_few_experiments_of_all_crowds(capsys):
-    assert same_distribution.main(["--experiments", "2", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
+    assert same_distribution.main(["--experiments", "1", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
     text = capsys.readouterr().out
     assert "reached: 0 reject" in text
     for crowd in same_distribution.CROWDS:

@@ -31,8 +31,17 @@ NAMES = {rgb: name for name, rgb in COLOURS.items()}
 EXPLORE = "--nstates 1 --s0 0 --rwm0 5"
 
 
-def table(*dynamics, zones=(SPOT, SQUARE), seed=1):
-    floor = Floor(zones=zones, dynamics=tuple(Dynamics(name=name, parameters=given) for name, given in dynamics))
+def changing(*dynamics):
+    return Floor(
+        zones=(SPOT, SQUARE), dynamics=tuple(Dynamics(name=name, parameters=given) for name, given in dynamics)
+    )
+
+
+def table(*dynamics):
+    return realised(changing(*dynamics))
+
+
+def realised(floor, seed=1):
     return floor.realise(seeds.generator(seed, "floor"))
 
 
@@ -87,12 +96,14 @@ class TestSchedule:
 class TestDrawnColors:
     def test_every_colour_comes_as_often(self):
         """Of 2000 instances; chance of failing by luck 5e-8."""
-        drawn = [seen(table(("drawn_colors", DRAWN), seed=seed), NOBODY, 0.1) for seed in range(2000)]
+        floor = changing(("drawn_colors", DRAWN))
+        drawn = [seen(realised(floor, seed), NOBODY, 0.1) for seed in range(2000)]
         assert set(drawn) == {"white", "red"}
         assert abs(drawn.count("red") - 1000) < 5.5 * (2000 * 0.25) ** 0.5
 
     def test_the_time_is_drawn_too(self):
-        floors = [table(("drawn_colors", {**DRAWN, "earliest": 10.0, "latest": 20.0}), seed=s) for s in range(50)]
+        floor = changing(("drawn_colors", {**DRAWN, "earliest": 10.0, "latest": 20.0}))
+        floors = [realised(floor, seed) for seed in range(50)]
         assert all(10.0 <= floor.numbers[0, 0] < 20.0 for floor in floors)
         assert len({float(floor.numbers[0, 0]) for floor in floors}) == 50
 

@@ -45,6 +45,7 @@ def test_robots_that_meet_too_late_are_found(capsys, monkeypatch):
     engine = same_distribution.as_it_is  # compiled before
     engine(same_distribution.CROWDS[PUSHING], 1)
     monkeypatch.setattr(kernel, "begin_step", glide_others)
+    monkeypatch.setattr(same_distribution, "CHECKED", 1)
     same = same_distribution.compare(20, rate=FALSE_ALARM, jobs=1, seed=1, crowds=[PUSHING], mark=late)
     assert not same
     assert "NOT reached" in capsys.readouterr().out

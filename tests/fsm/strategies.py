@@ -1,5 +1,7 @@
 """Random PFSMs, readings and draws for property tests."""
 
+import re
+
 from hypothesis import strategies as st
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
@@ -23,6 +25,9 @@ READINGS = st.builds(
     light_y=st.floats(-1, 1),
 )
 DRAW = st.floats(0, 1, exclude_max=True)
+WORD = st.sampled_from("aZ9_") | st.sampled_from(re.findall(r"\w", "".join(map(chr, range(0x3100)))))
+"""A character of a word; `from_regex` would look through all of Unicode first, which takes seconds."""
+OF_NAME = WORD | st.sampled_from(" .+-")
 
 
 def values(module: Module) -> st.SearchStrategy[tuple[float, ...]]:

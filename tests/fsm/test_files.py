@@ -24,7 +24,7 @@ from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS
 from mercator_design.fsm.words.names import state_names
 from mercator_design.fsm.yaml_form import NamedPfsm, parse_yaml
-from tests.fsm.strategies import pfsms
+from tests.fsm.strategies import OF_NAME, WORD, pfsms
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
 SCHEMA = Draft202012Validator(json_schema(NamedPfsm, title="A PFSM"))
@@ -40,7 +40,11 @@ states:
   - name: rest
     behaviour: stop
 """
-NAME = st.from_regex(r"[a-zA-Z0-9_é]([\w .+-]{0,6}\w)?", fullmatch=True)
+NAME = st.builds(
+    "{}{}".format,
+    st.sampled_from("azAZ09_é"),
+    st.just("") | st.builds("{}{}".format, st.text(OF_NAME, max_size=6), WORD),
+)
 
 
 def from_yaml(text, flavour=None, **given):

@@ -159,9 +159,13 @@ class SimulatedDevices(Devices):
     def _ready(self, files):
         """Those from which something can be read."""
         numbers = {port.fileno(): port for port in self.ports.values()}
-        ours = [file for file in files if not isinstance(file, int) and file.fileno() in numbers]
-        others = [file for file in files if file not in ours]
-        ready = [file for file in ours if numbers[file.fileno()].received or numbers[file.fileno()].is_lost]
+        ready, others = [], []
+        for file in files:
+            port = None if isinstance(file, int) else numbers.get(file.fileno())
+            if port is None:
+                others.append(file)
+            elif port.received or port.is_lost:
+                ready.append(file)
         return ready + (self._real_select(others, [], [], 0.0)[0] if others else [])
 
     def _next(self):

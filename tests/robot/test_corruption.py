@@ -62,7 +62,7 @@ def test_frames_arrive_as_they_were_sent(name):
 @pytest.mark.parametrize("size", [1, 7, 4096])
 def test_nothing_is_kept_for_ever(name, size):
     line, draws = LINES[name], random.Random(5)
-    for data in (draws.randbytes(8192), line.begins * 4096, line.frames[-1][:-1] * 400):
+    for data in (draws.randbytes(4096), line.begins * 1024, line.frames[-1][:-1] * 200):
         decoder = line.decoder()
         for i in range(0, len(data), size):
             decoder.receive(data[i : i + size])
@@ -124,7 +124,7 @@ def corrupt(name, n, seed):
 
 @pytest.mark.parametrize("name", LINES)
 def test_two_frames_behind_any_damage_nothing_is_lost(name):
-    corrupt(name, 20_000 // len(LINES), seed=1)
+    corrupt(name, 10_000 // len(LINES), seed=1)
 
 
 @pytest.mark.slow

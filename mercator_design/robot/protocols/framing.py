@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
 Event = TypeVar("Event")
@@ -27,8 +26,6 @@ class Decoder(Generic[Event]):
     Every place where a frame may begin is tried. Of the valid frames the one that ends first is taken. So the events do
     not depend on how the bytes were split, and a damaged start of a long frame does not delay the frames that follow.
     Between calls it keeps less than the longest frame.
-
-    counts: Counts of all bytes so far; bytes that may still become a frame are received, and not lost.
     """
 
     def __init__(
@@ -44,23 +41,29 @@ class Decoder(Generic[Event]):
         """
         self._starts, self._size, self._read = starts, size, read
         self._kept = b""
-        self.counts = Counts()
+        self._received = self._lost = self._refused = 0
+
+    @property
+    def counts(self) -> Counts:
+        """Counts of all bytes so far; bytes that may still become a frame are received, and not lost."""
+        return Counts(self._received, self._lost, self._refused)
 
     def receive(self, data: bytes) -> list[Event]:
         """Return the events that these bytes complete, in order."""
-        self.counts = self.counts._replace(received=self.counts.received + len(data))
+        self._received += len(data)
         data = self._kept + data
+        there = len(data)
         events: list[Event] = []
         done = 0
         while True:
             found: Event | None = None
-            unfinished, start, end = len(data), 0, len(data) + 1
+            unfinished, start, end = there, 0, there + 1
             for match in self._starts.finditer(data, done):
                 place = match.start()
                 if place >= end:
                     break
                 size = self._size(data, place)
-                if place + size > len(data):
+                if place + size > there:
                     unfinished = min(unfinished, place)
                 elif size and place + size < end and (event := self._read(data[place : place + size])) is not None:
                     found, start, end = event, place, place + size
@@ -76,7 +79,8 @@ class Decoder(Generic[Event]):
         """Count bytes outside of valid frames."""
         if start == end:
             return
-        places = (match.start() for match in self._starts.finditer(data, start))
-        refused = sum(self._size(data, place) > 0 for place in takewhile(lambda place: place < end, places))
-        received, lost, before = self.counts
-        self.counts = Counts(received, lost + end - start, before + refused)
+        self._lost += end - start
+        for match in self._starts.finditer(data, start):
+            if match.start() >= end:
+                break
+            self._refused += self._size(data, match.start()) > 0

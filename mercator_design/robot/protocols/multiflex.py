@@ -29,13 +29,20 @@ _SIZES = {0x11: 4, 0x21: 4, 0x52: 5}
 _OK, _REFUSED = 0x00, 0xFF
 
 
+def _crc8_of(crc: int) -> int:
+    for _ in range(8):
+        crc = crc << 1 ^ (0x107 if crc & 0x80 else 0)
+    return crc
+
+
+_CRCS = bytes(map(_crc8_of, range(0x100)))
+
+
 def crc8(data: bytes) -> int:
     """CRC-8 with polynomial 07 and initial value 0."""
     crc = 0
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc << 1 ^ (0x107 if crc & 0x80 else 0)
+        crc = _CRCS[crc ^ byte]
     return crc
 
 

@@ -53,7 +53,8 @@ class Flags(IntFlag):
     MORE = 0x80  # a second byte of flags follows; nobody sends it
 
 
-_FOLLOW = (Flags.TARGET, Flags.SOURCE, Flags.RESPONSE)
+_TARGET, _SOURCE, _RESPONSE, _MORE = map(int, (Flags.TARGET, Flags.SOURCE, Flags.RESPONSE, Flags.MORE))
+_FOLLOW = (_TARGET, _SOURCE, _RESPONSE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +77,7 @@ class Frame:
 
     def encode(self) -> bytes:
         """The frame as it goes over the line."""
-        flags = self.flags
+        flags = int(self.flags)
         for flag, value in zip(_FOLLOW, (self.target, self.source, self.error), strict=True):
             flags |= flag if value is not None else 0
         fields = [flags, self.target, self.source, self.did, self.cid, self.seq, self.error]
@@ -101,19 +102,19 @@ def _read(whole: bytes) -> Frame | None:
     body = _ESCAPED.sub(lambda escaped: bytes([escaped[1][0] | _CLEARED]), whole[1:-1])
     if _ESCAPES_NOTHING.search(whole) or sum(body) & 0xFF != 0xFF:
         return None
-    flags = Flags(body[0])
-    size = 4 + sum(flag in flags for flag in _FOLLOW)
-    if Flags.MORE in flags or len(body) <= size:
+    flags = body[0]
+    size = 4 + sum(flags & flag != 0 for flag in _FOLLOW)
+    if flags & _MORE or len(body) <= size:
         return None
     take = iter(body[1:size]).__next__
     return Frame(
-        flags=flags & ~sum(_FOLLOW),
-        target=take() if Flags.TARGET in flags else None,
-        source=take() if Flags.SOURCE in flags else None,
+        flags=Flags(flags & ~sum(_FOLLOW)),
+        target=take() if flags & _TARGET else None,
+        source=take() if flags & _SOURCE else None,
         did=take(),
         cid=take(),
         seq=take(),
-        error=take() if Flags.RESPONSE in flags else None,
+        error=take() if flags & _RESPONSE else None,
         data=body[size:-1],
     )
 

@@ -1,10 +1,9 @@
 """An ssh and an scp that act in local folders, where a host is a folder, its home; and what robots there are like."""
 
-FAKE = """#!{python}
-import os, shutil, glob, sys, time
-from pathlib import Path
+FAKE = """#!{python} -IS
+import os, sys, time
 
-program, words, options = Path(sys.argv[0]).name, sys.argv[1:], []
+program, words, options = os.path.basename(sys.argv[0]), sys.argv[1:], []
 while words[0].startswith("-"):
     options.append(words.pop(0))
     if options[-1] == "-o":
@@ -13,16 +12,17 @@ with open("{log}", "a") as log:
     print(program, *options, file=log)
 assert "BatchMode=yes" in options and "ConnectTimeout=10" in options
 host = words[0] if program == "ssh" else next(word for word in words if ":" in word).partition("]:")[0][1:]
-home = Path("{root}", host)
-if not home.is_dir():
+home = os.path.join("{root}", host)
+if not os.path.isdir(home):
     sys.exit(f"ssh: connect to host {{host}} port 22: No route to host")
-if (home / "slow").exists():
+if os.path.exists(home + "/slow"):
     time.sleep(60)
 if program == "ssh":
     os.chdir(home)
     os.execvp("sh", ["sh", "-c", " ".join(words[1:])])
-*sources, target = [word.replace("[" + host + "]:", str(home) + "/") if ":" in word else word for word in words]
-assert all(Path(word).is_absolute() for word in (*sources, target))  # whatever else might be a host, or an option
+import glob, shutil
+*sources, target = [word.replace("[" + host + "]:", home + "/") if ":" in word else word for word in words]
+assert all(map(os.path.isabs, (*sources, target)))  # whatever else might be a host, or an option
 for source in sources:
     for file in glob.glob(source):
         shutil.copy(file, target)
@@ -30,10 +30,10 @@ for source in sources:
 PATIENT = """#!{python}
 import runpy, sys
 sys.path.insert(0, "{source}")
-from mercator_design.robot import cli
-from mercator_design.robot.protocols import joint_start
-from mercator_design.robot.run import control, safety
-joint_start.SILENCE = control.STALL = safety.STALL = 60.0
+if "run" in sys.argv:
+    from mercator_design.robot.protocols import joint_start
+    from mercator_design.robot.run import control, safety
+    joint_start.SILENCE = control.STALL = safety.STALL = 60.0
 if "check" in sys.argv:
     from mercator_design.robot.setup import check
     check.DURATION = 0.5

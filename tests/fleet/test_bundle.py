@@ -55,12 +55,10 @@ def run(python, *arguments, folder=None):
 
 
 def test_the_command_line(application, python):
-    assert run(python, application, "--version").stdout == f"mercator-robot, version {__version__}\n"
     for arguments in (["--help"], ["run", "--help"]):
         done = run(python, application, *arguments)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith("Usage: mercator-robot")
-    assert run(python, application, "run", "none.txt").returncode == 3
     words = "Error: twin needs the designer: the package mercator_design.twin is not installed; in the clone: "
     assert run(python, application, "twin").stderr.startswith(words)
 
@@ -187,7 +185,8 @@ def test_the_verb(mdesign, tmp_path, application):
     assert (code, out) == (0, "")
     assert err == f"{file} is written; on the robot: python3 robot.pyz --help\n"
     assert file.read_bytes() == application.read_bytes()
-    assert subprocess.run([file, "--version"], capture_output=True, check=True).stdout.startswith(b"mercator-robot")
+    version = subprocess.run([file, "--version"], capture_output=True, check=True, text=True).stdout
+    assert version == f"mercator-robot, version {__version__}\n"
 
 
 def test_an_older_one_is_replaced_and_nothing_else(mdesign, tmp_path, application):

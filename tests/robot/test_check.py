@@ -20,7 +20,8 @@ from tests.robot.devices import CLEAR
 
 
 @pytest.fixture
-def devices(simulated):
+def devices(simulated, monkeypatch):
+    monkeypatch.setattr(checking, "DURATION", 1.0)
     simulated.heads = [(1.0, 2.0)]
     simulated.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
     return simulated
@@ -60,7 +61,8 @@ def found(robot_command, devices, tmp_path, processes):
     return run
 
 
-def test_a_robot_that_is_well(found, devices):
+def test_a_robot_that_is_well(found, devices, monkeypatch):
+    monkeypatch.setattr(checking, "DURATION", 2.0)
     code, fine, wrong, err = found()
     assert (code, wrong, err) == (0, {}, "")
     assert fine["firmware st"] == "9.2.482"
@@ -120,7 +122,7 @@ def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices):
     devices.instead["echo"] = {"error": 8}
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's echoes"}
-    assert wrong["rvr's echoes"].startswith("0 of 40 came back; a run stops below 80 %; is its cable loose")
+    assert wrong["rvr's echoes"].startswith("0 of 20 came back; a run stops below 80 %; is its cable loose")
 
 
 def lidar_answers(devices, *damaged):

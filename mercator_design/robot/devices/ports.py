@@ -222,12 +222,13 @@ def user_name() -> str | None:
 
 def _users(path: str) -> list[str]:
     """Other programs of this user that have a port open."""
-    port, users = Path(path).resolve(), []
-    for process in Path("/proc").glob("[0-9]*"):
+    port, users = os.path.realpath(path), []
+    for process in filter(str.isdecimal, os.listdir("/proc")):  # noqa: PTH208 - of paths it takes several times as long
+        files = f"/proc/{process}/fd"
         with contextlib.suppress(OSError):  # of another user, or just ended
-            is_other = process.name != str(os.getpid())
-            if is_other and any(link.readlink() == port for link in (process / "fd").iterdir()):
-                users.append(_described(process))
+            is_other = process != str(os.getpid())
+            if is_other and any(os.readlink(f"{files}/{name}") == port for name in os.listdir(files)):  # noqa: PTH115, PTH208
+                users.append(_described(Path("/proc", process)))
     return users
 
 

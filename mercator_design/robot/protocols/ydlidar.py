@@ -83,9 +83,10 @@ class Packet:
     def points(self) -> list[Point]:
         """The samples in their order, clockwise."""
         step = (self.last - self.first) % _TURN / max(len(self.samples) - 1, 1)
+        first, turn = self.first, math.tau
         ranges = [sample / (1000.0 * _MM) for sample in self.samples]
         return [
-            ((correction(r) - (self.first + i * step) * _RADIANS) % math.tau % math.tau, r)
+            (((correction(r) if r else 0.0) - (first + i * step) * _RADIANS) % turn % turn, r)
             for i, r in enumerate(ranges)
         ]
 

@@ -48,16 +48,16 @@ def reds(what, raw):
 
 def test_it_stops_neither_in_simulation_nor_on_the_twin():
     """Though both drive over black, where the noise of the sensor is red in one cycle of six."""
-    what = case(16)
-    run = on_twin(what, 1)
-    for states, ground, raw in (in_simulation(what, 1), (run.states, run.ground, run.raw)):
+    what, seed = case(8), 20  # with this one both soon come to black
+    run = on_twin(what, seed)
+    for states, ground, raw in (in_simulation(what, seed), (run.states, run.ground, run.raw)):
         assert not states.any()
         assert colours(ground) == FLOOR
         assert reds(what, raw) > 5
 
 
 def test_one_that_seeks_black_stops_on_both():
-    what = case(10, "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 1 --s1 1")
+    what = case(4, "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 1 --s1 1")
     assert in_simulation(what, 1)[0].any()
     assert on_twin(what, 1).states.any()
 

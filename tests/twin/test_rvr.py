@@ -144,7 +144,7 @@ class TestCommands:
         """Any data: it answers, and its treads are at numbers that they can be at."""
         chance, message = random.Random(name), COMMANDS[name]
         flags = Flags.ACTIVITY | Flags.ANSWER
-        for seq in range(100):
+        for seq in range(50):
             data = chance.choice((chance.randbytes(chance.randrange(24)), any_size(message, chance)))
             target = chance.choice(message.processors)
             frame = Frame(did=message.did, cid=message.cid, seq=seq, data=data, flags=flags, target=target)

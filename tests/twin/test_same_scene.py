@@ -92,7 +92,7 @@ def test_a_robot_that_spins_by_a_wall():
     (median, most), (untold, _) = (
         (off[len(off) // 2], off[-1])
         for kind in (Senses, Unturned)
-        for off in [sorted(angles_off(driven(World([(HALF - 0.33, 0.0, 0.0)], senses=kind), wheels, 8.0)))]
+        for off in [sorted(angles_off(driven(World([(HALF - 0.33, 0.0, 0.0)], senses=kind), wheels, 4.0)))]
     )
     assert median < math.radians(6.0)
     assert most < math.radians(16.0)

@@ -25,8 +25,8 @@ def mean(values):
 @pytest.mark.parametrize("is_moving", [False, True])
 def test_a_line_with_a_few_damaged_bytes_costs_few_neighbours(is_moving):
     """Of three; without damage exactly so. The bytes that are hit are those of the seed."""
-    assert {cycle.neighbours for cycle in perceived(0.0, 2.0, is_moving=is_moving)} == {3}
-    cycles = [*perceived(0.001, 8.0, is_moving=is_moving)]
+    assert {cycle.neighbours for cycle in perceived(0.0, 1.0, is_moving=is_moving)} == {3}
+    cycles = [*perceived(0.001, 5.0, is_moving=is_moving)]
     assert mean(cycle.neighbours for cycle in cycles) > 2.9
     assert mean(cycle.share for cycle in cycles) == pytest.approx(0.999**90, abs=0.03)
     assert not any(cycle.is_silent for cycle in cycles)

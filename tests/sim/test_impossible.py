@@ -383,7 +383,7 @@ _point = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
 _size = st.floats(0.05, 2)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.one_of(
         st.builds(Disc, center=_point, radius=_size, color=st.just("red")),

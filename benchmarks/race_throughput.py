@@ -30,7 +30,6 @@ Run: python benchmarks/race_throughput.py [--missions foraging aggregation aggre
 import argparse
 import contextlib
 import hashlib
-import heapq
 import os
 import sys
 import threading
@@ -46,17 +45,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design import jit, seeds
+from benchmarks.virtual_workers import Drawn, VirtualExecutor
+from mercator_design import jit
 from mercator_design.designer import Designer
-from mercator_design.fsm.space.grammar import parameters_text
-from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import Configuration, Experiment, parse_space
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.task import Problem
 from mercator_design.race.running.thread_executor import Stepped, ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 
@@ -276,72 +272,6 @@ def measure(mission: str, method: str, kind: str, jobs: int, budget: int) -> Thr
     )
     print(f"| {mission} | {method} | {kind} | {jobs} | {' | '.join(cells)} | {ran - n} |", flush=True)
     return Throughput(rate, free, [one.cpu for one in executor.spent])
-
-
-class Drawn(Problem[int]):
-    """A race whose scores are drawn: each configuration has a mean."""
-
-    function = staticmethod(lambda item: Measurement(float(item), ""))  # not called: VirtualExecutor
-
-    def __init__(self, method: str, budget: int) -> None:
-        space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
-        self.optimizer = METHODS[method](space, budget=budget, seed=1)
-
-    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> int:  # noqa: ARG002
-        return seeds.instance_seed(experiment.configuration, "a drawn experiment", experiment.instance)
-
-
-class VirtualExecutor:
-    """Simulated workers with a clock: items take given durations, and the caller its own CPU time.
-
-    One item waits besides those that run, as in `ThreadExecutor`. A caller that thinks gives no items meanwhile, but
-    workers go on with what they have. The function is not called: a result is drawn, by the item, with its duration.
-    """
-
-    def __init__(self, jobs: int, draw: Callable[[Any], tuple[float, Any]], *, thinking: Callable[[], float]) -> None:
-        self.jobs = jobs
-        self.now = self.busy = self.thought = 0.0  # [s]
-        self.durations: list[float] = []  # of the items, by place
-        self._draw, self._thinking = draw, thinking
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def stop(self) -> None:
-        """Do nothing: all items that have begun are running."""
-
-    def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:  # noqa: ARG002
-        numbered = enumerate(items)
-        free = [0.0] * self.jobs  # when each worker will have ended what it was given
-        running: list[tuple[float, int, Any]] = []  # ends, places and results
-        last = self._thinking()
-
-        def think() -> None:
-            nonlocal last
-            now = self._thinking()
-            self.now, self.thought, last = self.now + now - last, self.thought + now - last, now
-
-        while True:
-            while len(running) < self.jobs + 1:
-                place, item = next(numbered, (0, None))
-                think()
-                if item is None:
-                    break
-                duration, result = self._draw(item)
-                begin = max(self.now, heapq.heappop(free))
-                heapq.heappush(free, begin + duration)
-                heapq.heappush(running, (begin + duration, place, result))
-                self.busy += duration
-                self.durations.append(duration)
-            if not running:
-                return
-            end, place, result = heapq.heappop(running)
-            self.now = max(self.now, end)
-            yield place, result
-            think()
 
 
 def simulate_workers(mission: str, method: str, workers: int, budget: int, durations: Sequence[float]) -> None:

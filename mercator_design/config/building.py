@@ -63,13 +63,12 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
         raise Fault
     base, rules = schema.unwrapped(kind)
     value = _builder(base)(node, base, way)
-    if value is _WRONG or (rules and value is not None and not all(rule.allows(value) for rule in rules)):
+    if value is _WRONG or (value is not None and not all(rule.allows(value) for rule in rules)):
         raise Fault(message(node, way, f"{_expected(kind, way)}, found {node.found}{_hint(node, base, way)}"))
-    if rules and any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
+    if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
         if node.folder is None:
-            raise Fault(
-                message(node, way, f"expected no file, because this text may not name files, found {node.found}")
-            )
+            what = f"expected no file, because this text may not name files, found {node.found}"
+            raise Fault(message(node, way, what))
         value = str(node.folder.resolve() / value)
     return value
 
@@ -84,12 +83,7 @@ def is_name(text: str) -> bool:
     return not ("/" in text or "\\" in text or text.endswith((".yaml", ".yml")))
 
 
-_SCALARS = (float, int, str, bool, types.NoneType)
-
-
 def _builder(base: Kind) -> Callable[[Node, Kind, Way | None], Any]:
-    if base in _SCALARS:  # as most: the questions below take longer
-        return _scalar
     if base is object:
         return lambda node, _, __: node.content
     if schema.is_union(base):

@@ -1,7 +1,8 @@
 """The benchmark of a race's throughput: simulated workers, and the time in compiled loops."""
 
 from benchmarks import race_throughput
-from benchmarks.race_throughput import Drawn, TimedExecutor, VirtualExecutor, free_share, measure, simulate_workers
+from benchmarks.race_throughput import TimedExecutor, free_share, measure, simulate_workers
+from benchmarks.virtual_workers import Drawn, VirtualExecutor
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.runner import RaceRun
 from mercator_design.race.running.thread_executor import ThreadExecutor

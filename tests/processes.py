@@ -6,7 +6,7 @@ import subprocess
 import threading
 import time
 
-LIMIT = 60.0  # [s] only reached when something is wrong, however busy the machine is
+LIMIT = 600.0  # [s] only reached when something is wrong, however busy the machine is
 
 
 @contextlib.contextmanager

@@ -32,6 +32,7 @@ from mercator_design.config.schema import (
 from mercator_design.config.writing import dump
 from mercator_design.config.yaml_tree import MAX_FILE_SIZE, MAX_MISTAKES, steps
 from mercator_design.errors import MissionError
+from tests.processes import LIMIT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -671,7 +672,7 @@ def outcomes(tmp_path_factory):
     others = ["/dev/zero", folder / "pipe", folder / "to_zero", folder / "loop", folder / "huge", folder]
     command = [sys.executable, "-c", _RUNNER, Path(__file__).parent, *paths.values(), *others]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
-    done = subprocess.run(command, capture_output=True, timeout=60, check=True, env=environment)
+    done = subprocess.run(command, capture_output=True, timeout=LIMIT, check=True, env=environment)
     found = json.loads(done.stdout)
     assert list(found) == [str(path) for path in command[4:]], "one was accepted"
     return {Path(path).parent.name if path.endswith("a.yaml") else path: got for path, got in found.items()}

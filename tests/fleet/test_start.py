@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.fleet.fakes import settings
+from tests.processes import LIMIT
 from tests.robot.devices import Devices
 from tests.robot.log_events import read
 from tests.robot.ways import ATTEMPTS, LAST
@@ -164,7 +165,7 @@ def test_a_person_who_interrupts_the_start(robots, field):
         for devices in robots:
             devices.when(lambda devices=devices: is_started_up(devices))
         leader.send_signal(signal.SIGINT)
-        _, err = leader.communicate(timeout=60)
+        _, err = leader.communicate(timeout=LIMIT)
     assert (leader.returncode, err.strip()) == (130, "Interrupted.")
     for name, devices in zip(("r1", "r2"), robots, strict=True):
         rests(devices)

@@ -11,7 +11,7 @@ import pytest
 
 from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
 from mercator_design.race.running.executors import Rejected, attempt
-from tests.processes import wait_until
+from tests.processes import LIMIT, wait_until
 
 CALL = Call(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")
 
@@ -172,7 +172,7 @@ def stopped(target, child):
     thread.start()
     process = int(waiting_for(child))
     target.stop.set()
-    thread.join(timeout=60)
+    thread.join(timeout=LIMIT)
     return failures, process
 
 

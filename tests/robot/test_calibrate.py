@@ -22,6 +22,7 @@ from mercator_design.robot.setup import ground_calibration, prompt, proximity_ca
 from mercator_design.robot.setup.ground_calibration import check_light, confused, ground_sensor, warnings
 from mercator_design.robot.setup.proximity_calibration import direction, hub
 from mercator_design.twin.devices import hub as twin_hub
+from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON
 
@@ -161,7 +162,7 @@ class TestColor:
     @pytest.mark.timing
     def test_an_input_that_ends_changes_nothing(self, live, tmp_path):
         with calibrate(tmp_path, live, "color", "--seconds", "0.6") as process:
-            out, said = process.communicate("\n", timeout=20)
+            out, said = process.communicate("\n", timeout=LIMIT)
         assert (process.returncode, out) == (1, "")
         assert "Put the robot on gray, then press Enter.\nError: the input has ended without Enter" in said
         assert read_settings(tmp_path / "robot.yaml").labels is None

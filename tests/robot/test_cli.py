@@ -22,6 +22,7 @@ from mercator_design.robot.cli.options import new_file
 from mercator_design.robot.devices.ports import DEVICES, OPTIONAL_DEVICES
 from mercator_design.robot.run import network
 from mercator_design.robot.run.network import ASK, HEARTBEAT, STOP, STOPPED, Heartbeats, Speaker, listener, receive
+from tests.processes import LIMIT
 
 ROOT = Path(__file__).parents[2]
 GO = "--nstates 1 --s0 1"
@@ -347,7 +348,7 @@ def test_heartbeats_until_they_end_and_then_stop(robot, number):
             assert [listening.recvfrom(100)[0] for _ in range(5)] == [HEARTBEAT] * 5
             beating.send_signal(number)
             assert STOP in (listening.recvfrom(100)[0] for _ in range(50))
-            assert (f"Stopped by {number.name}." in beating.communicate(timeout=20)[1]) == (number != signal.SIGINT)
+            assert (f"Stopped by {number.name}." in beating.communicate(timeout=LIMIT)[1]) == (number != signal.SIGINT)
         finally:
             beating.kill()
     assert beating.returncode == (0 if number == signal.SIGINT else 128 + number)

@@ -14,6 +14,7 @@ import pytest
 from mercator_design.robot.devices.samples import STANDARD_GRAVITY
 from mercator_design.robot.run.mercator import QUERY_EVERY
 from mercator_design.robot.run.network import Speaker
+from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
 from tests.robot.ways import MAIN, ROOT, SOON, asked, free_port
@@ -162,7 +163,7 @@ def test_a_signal_ends_a_process_and_leaves_its_recording_whole(tmp_path):
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
         process.send_signal(signal.SIGTERM)
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode == 143, messages
         devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
     assert events(tmp_path)[-1]["why"] == "Stopped by SIGTERM."
@@ -217,7 +218,7 @@ def test_a_program_that_was_suspended_tells_of_the_gap(tmp_path):
         process.send_signal(signal.SIGCONT)
         devices.when(lambda: any(each.startswith("held up") for each in noted()))
         process.send_signal(signal.SIGINT)
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, messages
     told = re.findall(r"Warning: (held up for (\S+) s: samples are missing, or have wrong times)", messages)
     assert max(float(seconds) for _, seconds in told) > 0.5
@@ -244,7 +245,7 @@ def test_the_swarm_is_told_to_stop(tmp_path):
     with recording(tmp_path, port=port) as (devices, process), Speaker(["127.0.0.1"], port) as speaker:
         until_it_records(devices, tmp_path)
         assert speaker.stop() == (["tester (127.0.0.1)"], [])
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=LIMIT)
         assert (process.returncode, "swarm: stop received from 127.0.0.1" in messages) == (4, True), messages
     assert events(tmp_path)[-1]["why"] == "swarm: stop received from 127.0.0.1"
 

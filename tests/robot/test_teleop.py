@@ -211,7 +211,7 @@ class Drive:
 
     def ended(self, code, words=""):
         """It ends so, with the terminal as it was, and the robot told to stop."""
-        _, error = self.process.communicate(timeout=60)
+        _, error = self.process.communicate(timeout=LIMIT)
         assert (self.process.returncode, words in error) == (code, True), (self.process.returncode, error)
         assert termios.tcgetattr(self.terminal) == self.usual
         assert [name for _, name, _ in self.devices.commands].count("drive_stop") >= 2
@@ -487,7 +487,7 @@ class TestWaysOut:
             with driving(tmp_path / str(number), "-o", "drive.jsonl", lead=lead) as drive, drive.holding():
                 began = time.monotonic()
                 hangs_up(drive)
-                _, error = drive.process.communicate(timeout=60)
+                _, error = drive.process.communicate(timeout=LIMIT)
                 assert (drive.process.returncode, words in error) == (code, True), (drive.process.returncode, error)
                 assert "The recording is drive.jsonl" in error
                 *_, last = (

@@ -9,6 +9,7 @@ from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import Settings
+from tests.processes import LIMIT
 from tests.serve.races import BUDGET, House
 from tests.serve.serving import serving
 from tests.serve.still import ANN, BOB, still
@@ -68,16 +69,17 @@ class SharedDesk:
 
 @pytest.fixture(scope="session", autouse=True)
 def shared_helpers(tmp_path_factory):
-    """Services with the usual settings share one helper, because each takes seconds to start."""
+    """Services with the usual settings share one helper, slow to start; it has time on a busy machine."""
     usual = Settings()
     limits = (usual.helpers, usual.helper_seconds, usual.helper_memory, usual.plugins)
-    desk = Desk(1, *limits[1:], tmp_path_factory.mktemp("helpers"))
+    desk = Desk(1, LIMIT, usual.helper_memory, usual.plugins, tmp_path_factory.mktemp("helpers"))
 
     def desk_of(*given):
         return SharedDesk(desk) if given[:-1] == limits else Desk(*given)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mercator_design.serve.service.Desk", desk_of)
+        patch.setattr("mercator_design.serve.desk.desk._PATIENCE", LIMIT)
         yield
     desk.close()
 

@@ -5,6 +5,7 @@ import schemathesis
 from hypothesis import HealthCheck, given, settings
 
 from mercator_design.serve.app import guarded
+from tests.processes import LIMIT
 from tests.serve.machines import race_in
 
 pytestmark = pytest.mark.together
@@ -29,7 +30,7 @@ def check(operation, examples, mode):
     def is_answered(case):
         if "id" in case.path_parameters and len(str(case.path_parameters["id"])) % 2:
             case.path_parameters["id"] = "before"
-        answer = case.call(headers={"Host": "localhost"})
+        answer = case.call(headers={"Host": "localhost"}, timeout=LIMIT)
         assert answer.status_code < 500, (answer.status_code, answer.text[:500])
         if answer.status_code >= 400:
             assert answer.json()["errors"]

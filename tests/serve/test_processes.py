@@ -32,7 +32,7 @@ def test_a_cluster_runs_the_experiments(furnished, raced):
         house = furnished(scheduler=cluster.scheduler_address)
         job = house.store.read(house.submit(set=("duration=2", "robots=2")))
         process = Launcher(house.store, house.settings, 1)(job)
-        wait_until(lambda: process.poll() is not None, limit=300.0)
+        wait_until(lambda: process.poll() is not None)
     output, run = house.store.folder(job.id) / OUTPUT, house.store.run_folder(job.id)
     assert process.poll() == 0, last_messages(output)
     assert (run / "results.csv").read_bytes() == (raced / "results.csv").read_bytes()

@@ -21,6 +21,7 @@ from mercator_design.robot.devices.settings import read_settings
 from mercator_design.robot.logs.log import replay
 from mercator_design.robot.run import safety
 from mercator_design.sim.simulate import Simulator
+from tests.processes import LIMIT
 from tests.robot.ways import ALL, LATEST, in_time, soonest
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
@@ -66,7 +67,7 @@ def test_a_run_from_start_to_end(tmp_path):
 def a_run_from_start_to_end(folder):
     folder.mkdir()
     with twin(folder, 1), run(folder, 0, EXPLORE, 0.8) as process:
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, messages
         assert "commands end seen after 0.3 s" in messages
     told = events(folder, "wheels")
@@ -83,7 +84,7 @@ def test_a_colour_is_measured(tmp_path):
     with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
         shutil.copy(tmp_path / "0" / "robot.yaml", file)
         with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, **PIPES) as process:
-            labels, said = process.communicate("\n", timeout=60)
+            labels, said = process.communicate("\n", timeout=LIMIT)
     assert read_settings(file).labels == {"white": (255, 255, 255)}, said
     assert (process.returncode, labels) == (0, "labels:\n  white: [255, 255, 255]\n"), said
     assert "white: 255.0 255.0 255.0, spread 0.0, of " in said
@@ -148,7 +149,7 @@ def stops_after_a_fault(folder, fault, most):
         until_it_drives(folder, process)
         (clock,) = events(folder, "clock")
         assert time.monotonic() - clock["start"] < FAULT - 1.0
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode != 0, messages
         time.sleep(0.5)  # by then the RVR stops by itself
     begun = [event["time"] for event in events(folder, "fault")]
@@ -166,7 +167,7 @@ def test_three_robots_gather_as_in_the_simulator(tmp_path):
     with twin(tmp_path, 3, "--set", f"placement={APART}"), contextlib.ExitStack() as stack:
         runs = [stack.enter_context(run(tmp_path, number, GATHER, 30)) for number in range(3)]
         for each in runs:
-            each.communicate(timeout=120)
+            each.communicate(timeout=LIMIT)
             assert each.returncode == 0
     poses = [event["poses"] for event in events(tmp_path, "poses")]
     assert spread(poses[0]) == pytest.approx(0.63, abs=0.01)
@@ -196,7 +197,7 @@ def gathered(folder, seed):
     with beats() as alone, twin(folder, 3, *LARGE), contextlib.ExitStack() as stack:
         alone.clear()
         for each in [stack.enter_context(run(folder, n, GATHER_ON_BLACK, 60, seed + n)) for n in range(3)]:
-            _, messages = each.communicate(timeout=120)
+            _, messages = each.communicate(timeout=LIMIT)
             assert each.returncode == 0, messages
     logs = [kept(folder / f"run{number}.jsonl") for number in range(3)]
     assert max(most(log.cpu) for log in logs) < 0.002

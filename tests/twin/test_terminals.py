@@ -31,6 +31,7 @@ from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.folder import LOG, open_log
 from mercator_design.twin.terminals import Terminals, _free_ports
 from mercator_design.twin.twin import Twin
+from tests.processes import LIMIT
 from tests.twin.arenas import arena
 
 pytestmark = pytest.mark.together("twin")  # compiled once
@@ -124,7 +125,7 @@ def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
         port = port_names(terminals.robots[0]).rvr
         code = f"""
 import time
-from mercator_design.robot.devices.ports import open_port
+from mercator_design.robot.devices.ports import open_port, open_ports
 port = open_port("rvr", {port!r})
 print(flush=True)
 time.sleep(60)
@@ -167,7 +168,8 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
             assert port.in_waiting <= 40  # nothing that was said before
         wait_for(lambda: len(events(tmp_path, "port")) == 6)
     mine = [event["left"] for event in events(tmp_path, "wheels") if event["robot"] == 1]
-    assert mine == [0.0, 0.1, 0.2]
+    assert mine[:3] == [0.0, 0.1, 0.2]
+    assert not any(mine[3:])  # on a busy machine the wheels stop meanwhile, because nothing was sent for 2 s
     opened = [event["open"] for event in events(tmp_path, "port") if event["device"] == "rvr"]
     assert opened == [True, False] * 2
 
@@ -445,7 +447,7 @@ class TestTheCommand:
                 (response,) = hear(ports["rvr"], host, len)
                 assert isinstance(response, Response)
             process.send_signal(number)
-            _, messages = process.communicate(timeout=60)
+            _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode == 0
         assert "of a core for each second; at most " in messages
         assert [path.name for path in tmp_path.iterdir()] == [LOG]

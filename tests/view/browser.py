@@ -13,7 +13,7 @@ from pathlib import Path
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
-_LIMIT = 120.0  # [s] for an answer: the machine may be busy
+_LIMIT = 600.0  # [s] for an answer: the machine may be busy
 _KEYS = {
     "Backspace": 8,
     "Tab": 9,

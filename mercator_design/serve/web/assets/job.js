@@ -52,6 +52,7 @@
   };
   document.addEventListener("visibilitychange", () => (document.hidden ? close() : (soon("race"), again())));
   document.addEventListener("changed", again);
+  document.addEventListener("leaving", close);
 
   // ---- Changes ----
   at("change")?.addEventListener("submit", async (event) => {

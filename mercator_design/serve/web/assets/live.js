@@ -5,6 +5,8 @@ const Live = (() => {
   const asked = new Map(); // by id: when, and whether an answer is awaited
   const { at } = Mercator;
   const told = at("told");
+  const underWay = new Set(); // requests for parts
+  let isLeaving = false; // what the page shows is being deleted: nothing is asked for any more
 
   const tell = (text, isBad = true, isLost = false) => {
     if (!told) return;
@@ -18,7 +20,7 @@ const Live = (() => {
   const refresh = async (id) => {
     const element = at(id);
     const state = asked.get(id) || {};
-    if (!element || !element.dataset.live) return;
+    if (isLeaving || !element || !element.dataset.live) return;
     if (state.isAwaited) {
       state.again = true;
       return;
@@ -26,9 +28,11 @@ const Live = (() => {
     asked.set(id, Object.assign(state, { isAwaited: true, again: false, time: Date.now() }));
     const address = element.dataset.live;
     const have = element.dataset.have ? `?have=${element.dataset.have}` : "";
+    const request = Mercator.request("GET", address + have, undefined, { "HX-Request": "true" });
+    underWay.add(request);
     let wait = null;
     try {
-      const answer = await Mercator.request("GET", address + have, undefined, { "HX-Request": "true" });
+      const answer = await request;
       if (told && told.hasAttribute("data-lost")) tell("");
       if (answer.status !== 204) {
         const text = await answer.text();
@@ -42,6 +46,7 @@ const Live = (() => {
       else if (error.status) tell(error.message);
       else tell("The service does not answer; this page tries again.", true, true);
     }
+    underWay.delete(request);
     state.isAwaited = false;
     if (wait === null && state.again) wait = 500;
     if (wait !== null) setTimeout(refresh, wait, id);
@@ -63,13 +68,20 @@ const Live = (() => {
   /** Send a change, and show what it has changed. */
   const act = async (method, path, body) => {
     let answer = null;
+    if (method === "DELETE") {
+      isLeaving = true;
+      document.dispatchEvent(new CustomEvent("leaving"));
+      await Promise.allSettled(underWay);
+    }
     try {
       answer = (await Mercator.api(method, path, body)) ?? true;
       tell("");
     } catch (error) {
       tell(error.message);
     }
-    if (method !== "DELETE" || answer === null) document.dispatchEvent(new CustomEvent("changed"));
+    if (method === "DELETE" && answer !== null) return answer;
+    isLeaving = false;
+    document.dispatchEvent(new CustomEvent("changed"));
     return answer;
   };
 

@@ -16,7 +16,7 @@ home = os.path.join("{root}", host)
 if not os.path.isdir(home):
     sys.exit(f"ssh: connect to host {{host}} port 22: No route to host")
 if os.path.exists(home + "/slow"):
-    time.sleep(60)
+    time.sleep(6000)
 if program == "ssh":
     os.chdir(home)
     os.execvp("sh", ["sh", "-c", " ".join(words[1:])])

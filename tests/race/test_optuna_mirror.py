@@ -1,5 +1,6 @@
 """The copy of a race in an Optuna storage."""
 
+import threading
 import time
 
 import optuna
@@ -13,6 +14,7 @@ from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.thread_executor import ThreadExecutor
+from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, runner, undisturbed
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
@@ -141,11 +143,13 @@ def test_one_that_fails_later_too(url, monkeypatch):
 
 def test_one_that_never_answers(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror, "MAX_WAIT", 0.2)
-    monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: time.sleep(100))
+    answered = threading.Event()
+    monkeypatch.setattr(optuna_mirror._Study, "report", lambda *_: answered.wait(10 * LIMIT))
     start = time.monotonic()
     record, complaints = mirrored(url)
     assert complaints == ["the Optuna storage is slow: it does not have the whole race"]
-    assert time.monotonic() - start < 60
+    assert time.monotonic() - start < LIMIT
+    answered.set()
     assert record.digest() == undisturbed(budgets=(60,)).digest()
 
 

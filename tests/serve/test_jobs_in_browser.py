@@ -134,6 +134,24 @@ def test_a_job_is_changed_and_deleted(page, live):
     assert is_clean(page, live)
 
 
+def test_of_a_job_that_is_being_deleted_nothing_is_asked(page, live):
+    job = live.submit("local")
+    page.open(f"{live.address}/jobs/{job}")
+    page.evaluate("{ Mercator.api = () => new Promise((_, reject) => { Mercator.refuse = reject; }); }")
+    page.evaluate(f"document.getElementById('delete-{job}').click()")
+    page.wait_for("document.querySelector('dialog[open]')")
+    page.evaluate("document.querySelector('dialog button[value=yes]').click()")
+    page.wait_for("'refuse' in Mercator")
+    page.requests.clear()
+    page.evaluate("Live.refresh('now')")
+    assert page.requests == []
+    page.evaluate("Mercator.refuse(new Error('No.'))")
+    page.wait_for("document.querySelector('#told').innerText === 'No.'")
+    page.evaluate("Live.refresh('now')")
+    assert page.requests
+    assert live.service.index.get(job) is not None
+
+
 def test_a_service_that_has_gone_and_comes_back_is_told(page, live, tmp_path, raced):
     with still(tmp_path / "runs", raced) as one:
         with serving(guarded(one.service)) as address:

@@ -15,8 +15,8 @@ const Mercator = {
   },
 
   /** The answer to a request. Throws an Error with a message for each mistake, and the status; 0 without an answer. */
-  async request(method, address, body, headers = {}) {
-    const options = { method, headers: { ...headers } };
+  async request(method, address, body, headers = {}, signal = null) {
+    const options = { method, headers: { ...headers }, signal };
     if (body !== undefined) {
       options.headers["Content-Type"] = "application/json";
       options.body = JSON.stringify(body);

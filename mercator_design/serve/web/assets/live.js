@@ -5,8 +5,7 @@ const Live = (() => {
   const asked = new Map(); // by id: when, and whether an answer is awaited
   const { at } = Mercator;
   const told = at("told");
-  const underWay = new Set(); // requests for parts
-  let isLeaving = false; // what the page shows is being deleted: nothing is asked for any more
+  let leaving = new AbortController(); // aborted when what the page shows is deleted: then nothing is asked for
 
   const tell = (text, isBad = true, isLost = false) => {
     if (!told) return;
@@ -20,7 +19,8 @@ const Live = (() => {
   const refresh = async (id) => {
     const element = at(id);
     const state = asked.get(id) || {};
-    if (isLeaving || !element || !element.dataset.live) return;
+    const { signal } = leaving;
+    if (signal.aborted || !element || !element.dataset.live) return;
     if (state.isAwaited) {
       state.again = true;
       return;
@@ -28,11 +28,9 @@ const Live = (() => {
     asked.set(id, Object.assign(state, { isAwaited: true, again: false, time: Date.now() }));
     const address = element.dataset.live;
     const have = element.dataset.have ? `?have=${element.dataset.have}` : "";
-    const request = Mercator.request("GET", address + have, undefined, { "HX-Request": "true" });
-    underWay.add(request);
     let wait = null;
     try {
-      const answer = await request;
+      const answer = await Mercator.request("GET", address + have, undefined, { "HX-Request": "true" }, signal);
       if (told && told.hasAttribute("data-lost")) tell("");
       if (answer.status !== 204) {
         const text = await answer.text();
@@ -44,9 +42,8 @@ const Live = (() => {
       if (error.status === 401) location.reload();
       else if (error.status === 404) tell("This is gone, or no longer shown to you.");
       else if (error.status) tell(error.message);
-      else tell("The service does not answer; this page tries again.", true, true);
+      else if (!signal.aborted) tell("The service does not answer; this page tries again.", true, true);
     }
-    underWay.delete(request);
     state.isAwaited = false;
     if (wait === null && state.again) wait = 500;
     if (wait !== null) setTimeout(refresh, wait, id);
@@ -69,9 +66,8 @@ const Live = (() => {
   const act = async (method, path, body) => {
     let answer = null;
     if (method === "DELETE") {
-      isLeaving = true;
+      leaving.abort();
       document.dispatchEvent(new CustomEvent("leaving"));
-      await Promise.allSettled(underWay);
     }
     try {
       answer = (await Mercator.api(method, path, body)) ?? true;
@@ -80,7 +76,7 @@ const Live = (() => {
       tell(error.message);
     }
     if (method === "DELETE" && answer !== null) return answer;
-    isLeaving = false;
+    if (leaving.signal.aborted) leaving = new AbortController();
     document.dispatchEvent(new CustomEvent("changed"));
     return answer;
   };

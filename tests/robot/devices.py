@@ -19,6 +19,7 @@ from mercator_design.twin.devices.lidar import FINE, SPINS_UP, TwinLidar
 from mercator_design.twin.faults import Flip, PortLoss, Script, Silence, WrongBaud
 from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
+from tests.processes import LIMIT
 
 CLEAR = (math.inf,) * 8
 """What a hub measures that has nothing around."""
@@ -125,7 +126,7 @@ class Devices(Surroundings):
         """A notification of the RVR."""
         self._told.append(self.rvr._line.notify(name, **values))
 
-    def when(self, done, seconds=60.0):
+    def when(self, done, seconds=LIMIT):
         """Wait until something is so."""
         end = time.monotonic() + seconds
         while not done():

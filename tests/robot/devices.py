@@ -19,7 +19,7 @@ from mercator_design.twin.devices.lidar import FINE, SPINS_UP, TwinLidar
 from mercator_design.twin.faults import Flip, PortLoss, Script, Silence, WrongBaud
 from mercator_design.twin.terminals import Terminals
 from mercator_design.twin.twin import Twin
-from tests.processes import LIMIT
+from tests.processes import wait_until
 
 CLEAR = (math.inf,) * 8
 """What a hub measures that has nothing around."""
@@ -126,12 +126,9 @@ class Devices(Surroundings):
         """A notification of the RVR."""
         self._told.append(self.rvr._line.notify(name, **values))
 
-    def when(self, done, seconds=LIMIT):
+    def when(self, done):
         """Wait until something is so."""
-        end = time.monotonic() + seconds
-        while not done():
-            assert time.monotonic() < end, "waited in vain"
-            time.sleep(0.005)
+        wait_until(done)
 
     def settle(self):
         """Wait until what was told before is on its way, and all that follows is as the test has set it."""

@@ -125,7 +125,7 @@ def test_a_port_that_was_somebody_s_alone_is_not_when_he_was_killed(tmp_path):
         port = port_names(terminals.robots[0]).rvr
         code = f"""
 import time
-from mercator_design.robot.devices.ports import open_port, open_ports
+from mercator_design.robot.devices.ports import open_port
 port = open_port("rvr", {port!r})
 print(flush=True)
 time.sleep(60)

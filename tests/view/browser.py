@@ -11,9 +11,9 @@ import subprocess
 import time
 from pathlib import Path
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+from tests.processes import LIMIT
 
-_LIMIT = 600.0  # [s] for an answer: the machine may be busy
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 _KEYS = {
     "Backspace": 8,
     "Tab": 9,
@@ -100,14 +100,14 @@ class Page:
 
     def wait_for(self, script: str):
         """Wait until a script has a value that counts as true, and return it; other pages may load meanwhile."""
-        end = time.monotonic() + _LIMIT
+        end = time.monotonic() + LIMIT
         while True:
             found = f"Promise.resolve({script}).then((found) => (found instanceof Node ? true : found))"
             with contextlib.suppress(PageLeftError):
                 answer = self._call("Runtime.evaluate", expression=found, awaitPromise=True, returnByValue=True)
                 if "exceptionDetails" not in answer and (value := answer["result"].get("value")):
                     return value
-            assert time.monotonic() < end, f"not within {_LIMIT:g} s: {script}"
+            assert time.monotonic() < end, f"not within {LIMIT:g} s: {script}"
             time.sleep(0.05)
 
     def press(self, *keys: str):
@@ -187,7 +187,7 @@ class Page:
             self._note(answer)
 
     def _next(self):
-        end = time.monotonic() + _LIMIT
+        end = time.monotonic() + LIMIT
         while b"\0" not in self._rest:
             ready, _, _ = select.select([self._from], [], [], end - time.monotonic())
             assert ready, "the browser does not answer"

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,12 @@ def stop(robot_command, devices, tmp_path, monkeypatch):
         return code, {line[7:34].strip(): (line.startswith("ok "), line[34:]) for line in out.splitlines()}, err
 
     return run
+
+
+def alone(devices, folder):
+    """The settings of a robot that hears no swarm."""
+    names = devices.names
+    (folder / "robot.yaml").write_text(f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}}}\nswarm: {{port: null}}\n")
 
 
 def leave_running(devices):
@@ -75,9 +82,17 @@ def test_after_a_program_that_was_killed(stop, devices):
     devices.when(lambda: devices.lidar_commands[-2:] == ["force_stop", "stop"])
 
 
+def test_a_robot_that_drives_is_at_rest_within_a_second(robot_command, simulated, tmp_path):
+    alone(simulated, tmp_path)
+    leave_running(simulated)
+    began = time.monotonic()
+    code, _, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
+    assert (code, err) == (0, "")
+    assert simulated.told_to_rest(began) < 1.0
+
+
 def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices, tmp_path):
-    names = devices.names
-    (tmp_path / "robot.yaml").write_text(f"ports: {{rvr: {names.rvr}, lidar: {names.lidar}}}\nswarm: {{port: null}}\n")
+    alone(devices, tmp_path)
     leave_running(devices)
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design import __version__
+from tests.processes import wait_until
 from tests.robot.log_events import read
 from tests.robot.ways import ATTEMPTS
 from tests.twin.processes import events, twin
@@ -119,10 +120,7 @@ def test_from_copy_to_collect(mdesign, server):
     with deployed(mdesign, server, 2) as deploy:
         out, _ = in_time_started(deploy, "--duration", 60)
         assert out.count("runs, logs/run-") == 2
-        until = time.monotonic() + 20.0
-        while not all(any(event["robot"] == k and event["left"] for event in wheels(folder)) for k in range(2)):
-            assert time.monotonic() < until
-            time.sleep(0.1)
+        wait_until(lambda: {event["robot"] for event in wheels(folder) if event["left"]} == {0, 1})
         assert (
             deploy("fsm.txt")[1].count("a run is in progress; end it first: mdesign deploy --robots ... --stop") == 2
         ), said(folder)

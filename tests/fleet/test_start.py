@@ -10,13 +10,12 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from tests.fleet.fakes import settings
-from tests.processes import LIMIT
+from tests.processes import LIMIT, wait_until
 from tests.robot.devices import Devices
 from tests.robot.log_events import read
 from tests.robot.ways import ATTEMPTS, LAST
@@ -150,10 +149,7 @@ def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, fi
         leader.communicate()
     for devices in robots:
         rests(devices)
-    until = time.monotonic() + 20.0
-    while not all(is_idle(field / name) for name in ("r1", "r2")):
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(lambda: all(is_idle(field / name) for name in ("r1", "r2")))
     for name in ("r1", "r2"):
         (said,) = (field / name / "mercator/logs").glob("*.txt")
         assert "the connection to the computer that starts the robots has ended" in said.read_text()

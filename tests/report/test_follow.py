@@ -14,6 +14,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.running.journal import Journal
 from mercator_design.report.page import follow, page
 from mercator_design.report.page.follow import HOST, Follower
+from tests.processes import LIMIT
 
 pytestmark = pytest.mark.together
 
@@ -53,7 +54,7 @@ def server(folder, running):
 
 def ask(server, path="/", method="GET", host=None):
     """Status, headers and body of an answer."""
-    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=30)
+    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=LIMIT)
     try:
         connection.request(method, path, headers={"Host": host or f"{HOST}:{server.server_port}"})
         answer = connection.getresponse()

@@ -14,6 +14,7 @@ import pytest
 from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
+from tests.processes import LIMIT
 from tests.robot.log_events import read
 from tests.robot.ways import GO, LAST, LATEST, SOON, made_in_time, running, soonest
 
@@ -69,7 +70,7 @@ def awaiting(folder, fsm=GO, settings="", fault="", *options, lead=PATIENT):
 
 def never_drove(robot, words, code=4):
     """It has ended for a reason, at rest, and everything was shut down."""
-    returned, error = robot.process.wait(60.0), robot.process.stderr.read()
+    returned, error = robot.process.wait(LIMIT), robot.process.stderr.read()
     assert (returned, words in error) == (code, True), (returned, error)
     assert not robot.devices.drives()
     robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
@@ -92,7 +93,7 @@ def test_it_begins_when_it_was_told_to_and_then_needs_nobody(tmp_path):
         leader.say(to_line("confirm"))
         leader.hear("confirmed")
         leader.hang_up()
-        assert robot.process.wait(60.0) == 0, robot.process.stderr.read()
+        assert robot.process.wait(LIMIT) == 0, robot.process.stderr.read()
         first = min(when for when, left, _ in robot.devices.wheels if left)
         assert first >= at
         start, cycle, *_ = (event for event in read(tmp_path / "log.jsonl") if event["event"] != "note")
@@ -252,7 +253,7 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
             began = time.monotonic()
             leader.hang_up() if what == "hang up" else leader.say(to_line("stop", why="r3: it has not answered"))
             words = "the connection to the computer that starts" if what == "hang up" else "r3: it has not answered"
-            assert robot.process.wait(60.0) == 4
+            assert robot.process.wait(LIMIT) == 4
             assert words in robot.process.stderr.read()
             return robot.devices.told_to_rest(began)
 
@@ -269,7 +270,7 @@ def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
             leader.say(to_line("go"))
             leader.hear("started")
             began = time.monotonic()
-            assert robot.process.wait(60.0) == 4
+            assert robot.process.wait(LIMIT) == 4
             assert "nothing received for 1 s" in robot.process.stderr.read()
             return robot.devices.told_to_rest(began) - 1.0
 
@@ -287,7 +288,7 @@ def test_a_thread_that_fails_does_not_leave_it_without_a_leader(tmp_path):
             robot.process.stdout.flush()
             began = time.monotonic()
             (robot.folder / "fault").touch()
-            assert robot.process.wait(60.0) == 4
+            assert robot.process.wait(LIMIT) == 4
             assert "the thread that reads the leader's lines failed" in robot.process.stderr.read()
             return robot.devices.told_to_rest(began) - 0.1
 

@@ -25,6 +25,7 @@ from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted
 from mercator_design.robot.logs.log import Log, controller_of, replay, to_lines
 from tests.fsm.test_parity import program_arrays
+from tests.processes import wait_until
 from tests.robot.log_events import read
 
 FSM = (  # all that a Mercator can run
@@ -272,9 +273,7 @@ def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
     with Log(path) as log:
         assert forced == ["folder"]
         log.begin(START)
-        until = time.monotonic() + 10.0
-        while len(forced) < 2:
-            assert time.monotonic() < until
+        wait_until(lambda: len(forced) > 1)
         begun = path.stat().st_size
         monkeypatch.setattr(log_module, "SYNC_EVERY", 60.0)
     assert forced == ["folder", begun, path.stat().st_size]

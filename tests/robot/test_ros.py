@@ -22,6 +22,7 @@ from mercator_design.robot.ros import node as ros
 from mercator_design.robot.ros.messages import PUBLISHED
 from mercator_design.robot.ros.node import Orders, Reports, RosNode, serve
 from mercator_design.robot.run import safety
+from tests.processes import wait_until
 from tests.robot.devices import CLEAR
 from tests.robot.lines import QUIET
 from tests.robot.ways import asked
@@ -459,10 +460,7 @@ class TestNode:
         time.sleep(0.1)
         assert not orders._brake.why
         fake.go()
-        end = time.monotonic() + 5.0
-        while not orders._brake.why:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        wait_until(lambda: orders._brake.why)
         assert orders._brake.why.startswith(f"ros: no master at http://127.0.0.1:{fake.port}/: ")
 
     def test_a_master_that_goes_while_the_robot_starts(self, fake, orders):
@@ -501,10 +499,7 @@ class TestMastersThatDoNotAnswer:
         node = RosNode()
         node.obey(orders._brake, orders)
         node._master = silent
-        end = time.monotonic() + 5.0
-        while not orders._brake.why:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        wait_until(lambda: orders._brake.why)
         assert orders._brake.why.startswith(f"ros: no master at {silent}: timed out")
 
     @pytest.mark.parametrize("what", ["init_node", "Publisher", "Subscriber"])

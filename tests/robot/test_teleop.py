@@ -29,7 +29,7 @@ from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safety import SIGNALS
 from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_ahead
-from tests.processes import LIMIT
+from tests.processes import LIMIT, wait_until
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
 from tests.robot.ways import LATEST, MAIN, PATIENT, ROOT, SOON, asked, free_port, soonest
@@ -99,11 +99,7 @@ def test_what_was_pressed_before_is_not_meant(monkeypatch):
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: terminal))
         with keyboard() as opened:
             os.write(fingers, b"d")
-            end, pressed = time.monotonic() + 10.0, []
-            while "right" not in pressed:
-                assert time.monotonic() < end
-                pressed += opened.pressed()
-        assert pressed == ["right"]
+            assert wait_until(opened.pressed) == ["right"]
     finally:
         os.close(fingers)
         os.close(terminal)
@@ -296,7 +292,12 @@ class SimulatedDrive:
         return error
 
     def shown(self):
-        return os.read(self.fingers, 4000).decode()
+        """What the program has written; the system passes it on a moment later, so up to a mark behind it."""
+        os.write(self.terminal, b"\0")
+        found = b""
+        while not found.endswith(b"\0"):
+            found += os.read(self.fingers, 4000)
+        return found[:-1].decode()
 
     def _waiting(self):
         """Bytes that wait for the program."""

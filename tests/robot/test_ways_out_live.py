@@ -323,6 +323,19 @@ def goes_on(robot):
     return robot.process.poll() is None
 
 
+LONG_START = """
+import time
+from mercator_design.robot.run.mercator import Mercator
+watch = Mercator._watch_commands_end
+def watch_once_stopped(robot):
+    while not robot.brake.why:
+        robot.attend(time.monotonic() + 0.01)
+    watch(robot)
+Mercator._watch_commands_end = watch_once_stopped
+"""
+"""Lets a robot be starting up until something stops it."""
+
+
 class TestSwarm:
     def test_stop(self, tmp_path):
         def attempt(number):
@@ -362,7 +375,7 @@ class TestSwarm:
                 assert "drive_stop" in [name for _, name, _ in robot.devices.commands[before:]]
 
     def test_stop_during_the_start(self, tmp_path):
-        with running(tmp_path, lead="") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+        with running(tmp_path, lead=LONG_START) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.devices.when(lambda: robot.devices.commands)
             speaker.stop(0.2)
             returned, error = robot.ended()

@@ -13,6 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from tests.processes import LIMIT
 from tests.robot.devices import Devices
 from tests.robot.log_events import read
 
@@ -109,9 +110,9 @@ class Robot:
         """How many its log has."""
         return sum(event["event"] == "cycle" for event in read(self.folder / "log.jsonl"))
 
-    def ended(self, seconds=60.0):
+    def ended(self):
         """The exit code, and what was said."""
-        _, error = self.process.communicate(timeout=seconds)
+        _, error = self.process.communicate(timeout=LIMIT)
         return self.process.returncode, error
 
 

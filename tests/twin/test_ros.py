@@ -24,6 +24,7 @@ import pytest
 import yaml
 
 from mercator_design.fleet.bundle import bundle
+from tests.processes import LIMIT, wait_until
 from tests.twin.processes import events, twin
 from tests.twin.ros_client import COLOURS, TOPICS
 
@@ -84,14 +85,14 @@ class Ros:
     def end(self):
         """roscore ends its children, which may take seconds."""
         self.core.terminate()
-        self.core.wait(timeout=30)
+        self.core.wait(timeout=LIMIT)
 
 
 @pytest.fixture
 def ros(tmp_path):
     ros = Ros(tmp_path)
     try:
-        until(ros.is_there)
+        wait_until(ros.is_there)
         yield ros
     finally:
         ros.end()
@@ -115,20 +116,13 @@ def folder(tmp_path_factory):
         yield folder
 
 
-def until(done, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
-
-
 @contextlib.contextmanager
 def node(ros, pyz, folder, *arguments):
     """The node of robot 0, once it takes part in ROS."""
     line = [PYTHON, pyz, "ros", "--robot", folder / "robot.yaml", *arguments]
     with ros.start(*line) as process:
         try:
-            until(lambda: process.poll() is not None or subscribed(ros))
+            wait_until(lambda: process.poll() is not None or subscribed(ros))
             assert process.poll() is None, process.stderr.read()
             yield process
         finally:
@@ -183,7 +177,7 @@ HERTZ = {"/rvr/imu": 5.0, "/rvr/ground_color": 5.0, "/scan": 6.95, "/ranges": 6.
 
 
 def heard(client):
-    output, error = client.communicate(timeout=30)
+    output, error = client.communicate(timeout=LIMIT)
     assert client.returncode == 0, error
     return json.loads(output)
 
@@ -205,7 +199,7 @@ class TestOthers:
             with ros.client("drive", 0.1, 0.2, 20), ros.client("lamps") as lamps, ros.client("listen", 4) as client:
                 moving = heard(client)
                 assert lamps.stdout.readline().strip() == md5(f"{COLOUR} led_colors")
-            until(lambda: wheels(folder)[-1] == (0.0, 0.0))
+            wait_until(lambda: wheels(folder)[-1] == (0.0, 0.0))
             time.sleep(0.5)
             with ros.client("listen", 1.5) as client:
                 resting = heard(client)
@@ -337,13 +331,13 @@ WAYS = {
 def test_ways_to_stop(ros, pyz, folder, what):
     act, allowed, code, words = WAYS[what]
     with node(ros, pyz, folder) as process, ros.client("drive", 0.1, 0.2, 20) as client:
-        until(lambda: wheels(folder)[-1] != (0.0, 0.0) or process.poll() is not None)
+        wait_until(lambda: wheels(folder)[-1] != (0.0, 0.0) or process.poll() is not None)
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.5)
         began = act(ros, process, client)
-        until(lambda: wheels(folder)[-1] == (0.0, 0.0))
+        wait_until(lambda: wheels(folder)[-1] == (0.0, 0.0))
         if code is not None:
-            _, error = process.communicate(timeout=10)
+            _, error = process.communicate(timeout=LIMIT)
             assert (process.returncode, words in error, "Traceback" in error) == (code, True, False), error
         else:
             time.sleep(0.5)

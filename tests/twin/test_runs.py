@@ -21,7 +21,7 @@ from mercator_design.robot.devices.settings import read_settings
 from mercator_design.robot.logs.log import replay
 from mercator_design.robot.run import safety
 from mercator_design.sim.simulate import Simulator
-from tests.processes import LIMIT
+from tests.processes import LIMIT, wait_until
 from tests.robot.ways import ALL, LATEST, in_time, soonest
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
@@ -52,11 +52,8 @@ def spread(poses):
 
 
 def until_it_drives(folder, process):
-    until = time.monotonic() + 60.0
-    while events(folder, "wheels")[-1]["left"] == 0.0:
-        assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(lambda: events(folder, "wheels")[-1]["left"] or process.poll() is not None)
+    assert process.poll() is None, process.stderr.read()
 
 
 @pytest.mark.timing

@@ -31,7 +31,7 @@ from mercator_design.twin.faults import PortLoss, Script
 from mercator_design.twin.folder import LOG, open_log
 from mercator_design.twin.terminals import Terminals, _free_ports
 from mercator_design.twin.twin import Twin
-from tests.processes import LIMIT
+from tests.processes import LIMIT, wait_until
 from tests.twin.arenas import arena
 
 pytestmark = pytest.mark.together("twin")  # compiled once
@@ -66,13 +66,6 @@ def events(folder, kind):
     return [event for event in lines if event["event"] == kind]
 
 
-def wait_for(condition, seconds=60.0):
-    until = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.01)
-
-
 def hear(port, end, done):
     """What a port says until `done` says that it is enough."""
     said = []
@@ -81,7 +74,7 @@ def hear(port, end, done):
         said.extend(end.receive(port.read(port.in_waiting)))
         return done(said)
 
-    wait_for(is_enough)
+    wait_until(is_enough)
     return said
 
 
@@ -132,9 +125,9 @@ time.sleep(60)
 """
         with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE) as program:
             program.stdout.readline()
-            wait_for(lambda: len(events(tmp_path, "port")) == 1)
+            wait_until(lambda: len(events(tmp_path, "port")) == 1)
             program.kill()
-        wait_for(lambda: len(events(tmp_path, "port")) == 2)
+        wait_until(lambda: len(events(tmp_path, "port")) == 2)
         time.sleep(0.05)
         with serial.Serial(port) as opened:
             assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
@@ -162,11 +155,11 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
         for k, left in enumerate((0.1, 0.2), 1):
             with serial.Serial(names.rvr, 115_200) as port:
                 port.write(host.send("drive_tank_si_units", left_velocity=left, right_velocity=0.0))
-            wait_for(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
+            wait_until(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
         with serial.Serial(names.proximity, 115_200) as port:
             time.sleep(0.05)
             assert port.in_waiting <= 40  # nothing that was said before
-        wait_for(lambda: len(events(tmp_path, "port")) == 6)
+        wait_until(lambda: len(events(tmp_path, "port")) == 6)
     mine = [event["left"] for event in events(tmp_path, "wheels") if event["robot"] == 1]
     assert mine[:3] == [0.0, 0.1, 0.2]
     assert not any(mine[3:])  # on a busy machine the wheels stop meanwhile, because nothing was sent for 2 s
@@ -275,10 +268,10 @@ def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
     script = Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="proximity"),))
     with running(tmp_path, script) as terminals:
         name = Path(port_names(terminals.robots[0]).proximity)
-        with serial.Serial(str(name), 115_200, timeout=2.0) as port, pytest.raises(serial.SerialException):
+        with serial.Serial(str(name), 115_200, timeout=LIMIT) as port, pytest.raises(serial.SerialException):
             port.read(1000)
         assert not name.exists()
-        wait_for(name.exists)
+        wait_until(name.exists)
         with serial.Serial(str(name), 115_200) as port:
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)
 

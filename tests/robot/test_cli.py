@@ -134,13 +134,15 @@ class TestRun:
         fsm.write_text(pfsm)
         settings = tmp_path / "robot.yaml"
         rvr, terminal = pty.openpty()
-        settings.write_text(f"ports: {{rvr: {os.ttyname(terminal)}, lidar: /dev/no_such_port}}\n{constants}")
+        ports = "ports: {{rvr: {}, lidar: /dev/no_such_port}}\n"
+        settings.write_text(ports.format(os.ttyname(terminal)) + constants)
         code, _, err = robot_command("run", fsm, "--robot", settings, "-o", tmp_path / "log.jsonl")
         os.close(rvr)
         os.close(terminal)
         said = err.splitlines()[-1]
         assert (code, said.startswith("Error: lidar: /dev/no_such_port: no such port")) == (1, True), err
         assert said.endswith(f"; {words}")
+        settings.write_text(ports.format("/dev/no_such_rvr") + constants)  # another test may have that terminal now
         code, _, err = robot_command("run", fsm, "--robot", settings, "--without", "lidar")
         is_refused = "--without lidar" not in words
         assert (code, err.endswith(f"Error: --without lidar: {words}\n")) == (2 if is_refused else 1, is_refused), err

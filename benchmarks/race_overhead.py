@@ -30,9 +30,9 @@ from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
+from mercator_design.race.candidates.newcomers import Newcomers
+from mercator_design.race.candidates.proposals import Proposer
 from mercator_design.race.methods import confirmation, halving
-from mercator_design.race.methods.newcomers import Newcomers
-from mercator_design.race.methods.proposals import Proposer
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,15 @@ def test_imports_go_down_only(monkeypatch):
     with contextlib.redirect_stdout(io.StringIO()) as report:
         status = lint_imports(no_cache=True)
     assert status == EXIT_STATUS_SUCCESS, report.getvalue()
+
+
+def test_rooms_and_modules_are_small():
+    """What a reader can take in: 12 modules of a folder, 400 lines of a module."""
+    modules = [*(ROOT / "mercator_design").rglob("*.py")]
+    of_folder = Counter(module.parent.relative_to(ROOT) for module in modules if module.stem != "__init__")
+    assert max(of_folder.values()) <= 12, of_folder.most_common(3)
+    lines = {module.relative_to(ROOT): len(module.read_text().splitlines()) for module in modules}
+    assert max(lines.values()) <= 400, sorted(lines, key=lines.get)[-3:]
 
 
 def blocks(language):

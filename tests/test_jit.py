@@ -15,7 +15,7 @@ from mercator_design.fsm.conditions import logistic, probability
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.plugins import CHANGES
 from mercator_design.sim.kernels import kernel
-from mercator_design.sim.kernels.placing import first_free
+from mercator_design.sim.placing import first_free
 from mercator_design.system import kernel_cache
 
 SCRIPT = """

@@ -31,10 +31,10 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
-from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.swarm import History, Swarm, new_history
+from mercator_design.sim.placing import first_free
 from mercator_design.sim.simulate import Simulator, program_arrays
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
 from mercator_design.race import EliminationRace, RaceRules
-from mercator_design.race.methods.model import elite_weights
+from mercator_design.race.candidates.model import elite_weights
 from mercator_design.race.racing.statistics import TestName
 
 TESTS: dict[str, TestName] = {

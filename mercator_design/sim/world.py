@@ -17,9 +17,9 @@ from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, candidates
 from mercator_design.seeds import generator, stream_keys
-from mercator_design.sim.kernels.placing import first_free
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
+from mercator_design.sim.placing import first_free
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.staging import new_scene, wall_slabs
 

@@ -21,8 +21,8 @@ from mercator_design.race import (
     parse_space,
     real,
 )
+from mercator_design.race.candidates.model import SamplingModel
 from mercator_design.race.methods import iterated
-from mercator_design.race.methods.model import SamplingModel
 from mercator_design.race.racing.budget import minimum_budget, n_iterations
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines_text

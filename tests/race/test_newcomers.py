@@ -7,7 +7,7 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Space, categorical, integer
-from mercator_design.race.methods.newcomers import Newcomers
+from mercator_design.race.candidates.newcomers import Newcomers
 from mercator_design.race.racing.history import RaceHistory
 from tests.race.mixed import MIXED, mixed_cost
 from tests.race.spaces import uniform

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Halving, IteratedRace, Space, categorical, integer, real
-from mercator_design.race.methods.additive_model import effects
-from mercator_design.race.methods.proposals import MAX_LEARNT_FROM, Proposer
+from mercator_design.race.candidates.proposals import MAX_LEARNT_FROM, Proposer
+from mercator_design.race.racing.additive_model import effects
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED, mixed_cost, noise, run

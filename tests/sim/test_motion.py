@@ -14,7 +14,7 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions.arena import Arena, Box, Polygon, RegularPolygon
 from mercator_design.sim.kernels.overlaps import PlacedBody, box_overlap
-from mercator_design.sim.kernels.placing import first_free
+from mercator_design.sim.placing import first_free
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Drive, Gaussian

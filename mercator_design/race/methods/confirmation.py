@@ -9,7 +9,7 @@ from collections.abc import Generator, Sequence
 import numpy as np
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.additive_model import expected, table
+from mercator_design.race.racing.additive_model import expected, table
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.statistics import concordance

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.additive_model import table
+from mercator_design.race.candidates.newcomers import Child, Newcomers
 from mercator_design.race.methods.confirmation import MAX_FINALISTS, by_expectation, confirm
-from mercator_design.race.methods.newcomers import Child, Newcomers
 from mercator_design.race.methods.optimizer import Batches, Optimizer
+from mercator_design.race.racing.additive_model import table
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress

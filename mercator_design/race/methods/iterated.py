@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.model import SamplingModel
+from mercator_design.race.candidates.model import SamplingModel
+from mercator_design.race.candidates.sampling import even_sample, similar, sobol_sequence
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.methods.sampling import even_sample, similar, sobol_sequence
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates

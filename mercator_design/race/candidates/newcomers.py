@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Sequence
 from numpy.random import Generator
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.moves import Moves
-from mercator_design.race.methods.proposals import Proposer
-from mercator_design.race.methods.sampling import even_sample, latin_hypercube
+from mercator_design.race.candidates.moves import Moves
+from mercator_design.race.candidates.proposals import Proposer
+from mercator_design.race.candidates.sampling import even_sample, latin_hypercube
 from mercator_design.race.racing.history import Key, RaceHistory
 from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.parameter import Configuration

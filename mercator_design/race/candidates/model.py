@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 
 from mercator_design.errors import RaceError
-from mercator_design.race.methods.sampling import Floats, truncated_normal, truncated_normal_value
+from mercator_design.race.candidates.sampling import Floats, truncated_normal, truncated_normal_value
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space

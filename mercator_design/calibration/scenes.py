@@ -116,7 +116,7 @@ def _series(name: str, rows: list[tuple[float, Floats]], start: RecordingStarted
 
 
 def _beams(times: Floats, turns: list[Floats], start: RecordingStarted) -> Series:
-    """Turns by beam: of the angle at which the device measures, which its correction by the range turns away from."""
+    """The turns as beams. A beam is an angle before its correction, which depends on the range."""
     beams = max(1, int(np.median([len(turn) for turn in turns])))
     values, angles = np.full((2, len(turns), beams), np.nan)
     for row, turn in enumerate(turns):
@@ -142,7 +142,7 @@ def _moves(series: Mapping[str, Series]) -> Iterator[tuple[float, float]]:
 
 
 def _runs(flags: Flags) -> Iterator[tuple[int, int]]:
-    """First and last of each run of flags that are set, with those that one that is not set lies between."""
+    """First and last index of each run of set flags; runs with one unset flag between them count as one."""
     places = np.flatnonzero(flags)
     for run in np.split(places, np.flatnonzero(np.diff(places) > 2) + 1):
         if len(run):

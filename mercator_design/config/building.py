@@ -239,7 +239,7 @@ def _record(node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
         field, rule = keywords
         fields = {name: entry for name, entry in fields.items() if name != field}
         word, node = _tagged(node, rule.key, rule.functions, fields, way, wrong)
-        if not word:  # which its other keys cannot be read without
+        if not word:  # without it the other keys cannot be read
             del fields[rule.key]
             _entries(node, fields, holders, way, wrong, complete=False)
             raise Fault(*wrong)

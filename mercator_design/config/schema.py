@@ -47,7 +47,7 @@ def checked(errors: Iterable[FieldError]) -> None:
 
 
 def check(record: Any) -> None:  # noqa: ANN401 - a dataclass with CHECKS
-    """What the `__post_init__` of a dataclass with CHECKS calls.
+    """Run the CHECKS of a dataclass; its `__post_init__` calls this.
 
     CHECKS are functions from some of its fields, with parameters of the same names, to mistakes. A check runs if these
     fields are valid, so all mistakes of a file are reported at once.

@@ -101,7 +101,7 @@ def read_text(path: Path) -> str:
 
 
 def is_text(text: str) -> bool:
-    """Whether a text can be written: it has no half of a pair of characters, as JSON may have."""
+    """Whether a text can be encoded: it has no unpaired surrogate, as JSON may have."""
     try:
         text.encode()
     except UnicodeEncodeError:

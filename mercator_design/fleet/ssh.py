@@ -66,10 +66,13 @@ class Conversation:
         except FileNotFoundError:
             self._errors.close()
             raise _missing("ssh") from None
+        assert self._process.stdin is not None  # noqa: S101 - pipes
+        assert self._process.stdout is not None  # noqa: S101
+        self._in, self._out = self._process.stdin, self._process.stdout
 
     def fileno(self) -> int:
         """The file descriptor of its output, for select."""
-        return self._pipe(self._process.stdout).fileno()
+        return self._out.fileno()
 
     def read(self) -> list[bytes] | None:
         """Wait for lines, and return them; None if the conversation has ended."""
@@ -92,22 +95,16 @@ class Conversation:
     def send(self, line: str) -> None:
         """Send a line; only an answer shows that it arrived."""
         with contextlib.suppress(OSError):
-            self._pipe(self._process.stdin).write(line.encode())
+            self._in.write(line.encode())
 
     def close(self) -> None:
         """End the connection; the script may continue."""
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._in, self._out):
             with contextlib.suppress(OSError):
-                self._pipe(pipe).close()
+                pipe.close()
         self._process.kill()
         self._process.wait()
         self._errors.close()
-
-    @staticmethod
-    def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
-        if pipe is None:
-            raise ValueError("no pipe")
-        return pipe
 
 
 @contextlib.contextmanager

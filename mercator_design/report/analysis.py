@@ -59,7 +59,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
     )
 
 
-def importance_csv(_: Task[Any], explanation: Explanation) -> str:
+def importance_csv(explanation: Explanation) -> str:
     """The same as CSV: name, share, error, active, favours, gain."""
     names = Importance.__slots__
     return csv_text([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])

@@ -1,4 +1,4 @@
-"""SQLite files of the service. What is in them can be made again, so one that is damaged is."""
+"""SQLite files of the service. Their contents can be rebuilt, so a damaged file is replaced."""
 
 import contextlib
 import os

@@ -114,7 +114,7 @@ def keep_whole(cache: Any, part: str, before_compiling: Callable[[], None]) -> "
 
     Args:
         cache: The cache.
-        part: A digest of the sources that the folder of all caches is not named by.
+        part: A digest of the kernels of other packages in it, such as plugins; empty if there are none.
         before_compiling: Called if the cache does not have what is wanted.
     """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in

@@ -4,7 +4,7 @@ import contextlib
 from pathlib import Path
 
 _SCORE = "500"
-"""Linux adds so many thousandths of the machine's memory to what this process uses, when it looks for the worst."""
+"""Linux adds so many thousandths of the machine's memory to what this process uses when it chooses one to kill."""
 
 
 def die_first() -> None:

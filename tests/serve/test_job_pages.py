@@ -86,7 +86,7 @@ def test_filters(quiet, ann):
     assert 'data-live="/jobs?state=cancelled&amp;text=of+a+kind"' in some.text
     order = ann.get("/jobs", params={"text": "of a kind", "order": "name", "way": "up"}).text
     assert order.index(job) < order.index(cancelled)
-    assert "No job is as asked for" in ann.get("/jobs?text=nothing+like+it").text
+    assert "No job matches" in ann.get("/jobs?text=nothing+like+it").text
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mercator_design.robot.protocols.ydlidar import (
+    SAMPLE_RATE,
     DeviceInfo,
     Health,
     Packet,
@@ -14,7 +15,7 @@ from mercator_design.robot.protocols.ydlidar import (
     decoder,
     encode_command,
 )
-from mercator_design.twin.devices.lidar import FINE, RATE, SPINS_UP, TwinLidar
+from mercator_design.twin.devices.lidar import FINE, SPINS_UP, TwinLidar
 from tests.twin.recordings import ydlidar_sessions
 
 SAMPLES = 719
@@ -64,8 +65,8 @@ class TestScans:
         assert talk.send("scan") == [ScanStarted()]
         packets = talk.wait(10.0)
         samples = sum(len(packet.samples) for packet in packets)
-        assert RATE * 10.0 - 40 <= samples <= RATE * 10.0
-        assert sum(packet.is_ring_start for packet in packets) == math.ceil(RATE * 10 / SAMPLES)
+        assert SAMPLE_RATE * 10.0 - 40 <= samples <= SAMPLE_RATE * 10.0
+        assert sum(packet.is_ring_start for packet in packets) == math.ceil(SAMPLE_RATE * 10 / SAMPLES)
         assert {len(packet.samples) for packet in packets if packet.is_ring_start} == {1}
         assert {len(packet.samples) for packet in packets} == {1, 40, (SAMPLES - 1) % 40}
         assert packets[0].is_ring_start

@@ -170,7 +170,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Show which modules or parameters explain the scores in the race of DIRECTORY."""
     task, explanation = analysis.importance(directory, modules=None if what is None else what == "modules", seed=seed)
-    print_result((importance_csv if as_csv else importance_page)(task, explanation), nl=False)
+    print_result(importance_csv(explanation) if as_csv else importance_page(task, explanation), nl=False)
 
 
 @runs.command(short_help="Find which parts the winner of a race needs.")

@@ -273,9 +273,9 @@ def is_locked(path: Path) -> bool:
         os.close(file)
 
 
-def now() -> str:
-    """The current time as text."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+def now(timespec: str = "seconds") -> str:
+    """The current time as text, as exact as `datetime.isoformat` is asked to make it."""
+    return datetime.now(UTC).isoformat(timespec=timespec)
 
 
 def _holder(path: Path) -> str:

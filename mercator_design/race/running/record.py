@@ -74,6 +74,13 @@ class Record:
         return len(self.ends) == len(self.budgets)
 
     @property
+    def leader(self) -> int | None:
+        """The winner, or the best configuration of the last iteration."""
+        if self.ends and self.is_complete:
+            return self.ends[-1].winner
+        return self.ended[-1].elites[0] if self.iterations else None
+
+    @property
     def ended(self) -> list[IterationEnded]:
         """The iterations that have ended, in their order."""
         return [self.iterations[number] for number in sorted(self.iterations)]

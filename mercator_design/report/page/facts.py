@@ -113,9 +113,7 @@ class Facts:
     @cached_property
     def best(self) -> int | None:
         """The winner, or the best configuration so far."""
-        if self.is_finished:
-            return self.record.ends[-1].winner
-        return self.record.ended[-1].elites[0] if self.record.iterations else None
+        return self.record.leader
 
     @cached_property
     def elites(self) -> list[int]:

@@ -104,7 +104,8 @@ def _with_entry(text: str, mapping: Any, keys: tuple[str, ...], value: object) -
     end = len(text[: _end(mapping) if mapping else None].rstrip())
     line_end = text.find("\n", end) if "\n" in text[end:] else len(text)
     before = f"{text[:line_end]}\n" if end else ""
-    return f"{before}{indent}{entry}{text[line_end:] or chr(10)}"
+    rest_of_text = text[line_end:] or "\n"
+    return f"{before}{indent}{entry}{rest_of_text}"
 
 
 def _flow(keys: tuple[str, ...], value: object) -> str:

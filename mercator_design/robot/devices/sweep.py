@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
-from mercator_design.robot.protocols.ydlidar import Packet
+from mercator_design.robot.protocols.ydlidar import TURN, Packet
 
 BINS = 1440
 """Bins of the ring: more than an X4 has samples in a turn, so that each sample has its own bin."""
@@ -17,7 +17,6 @@ STEP = math.tau / BINS
 MIN_READINGS = 2
 """Readings in a turn of a lidar that works."""
 
-_TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
 _BACKWARDS = 10 * 64  # by which a packet may begin before the end of the previous one, as turns differ
 _GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
 _ASIDE = 2 * 64  # margin of a gap, as turns differ
@@ -47,8 +46,8 @@ class Sweep:
         """Make one without ranges; `front` is the angle of the lidar's front from the robot's [rad]."""
         self._front = front
         self._ranges = [0.0] * BINS
-        self._written = [-_TURN] * BINS  # angle swept at the end of the packet
-        self._places = [-_TURN] * BINS  # angle swept at the sample itself
+        self._written = [-TURN] * BINS  # angle swept at the end of the packet
+        self._places = [-TURN] * BINS  # angle swept at the sample itself
         self._swept = 0
         self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: angles swept between which nothing came
         self._seen: int | None = None  # as _last, relative to the robot
@@ -59,7 +58,7 @@ class Sweep:
     @property
     def is_whole(self) -> bool:
         """Whether a whole turn has been seen."""
-        return self._swept >= _TURN
+        return self._swept >= TURN
 
     def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
         """Take in a packet; return whether it ends a turn. A ring start before half a turn ends none.
@@ -78,8 +77,8 @@ class Sweep:
             if is_gap:
                 self._gaps.append((self._swept - _ASIDE, self._swept + ahead + _ASIDE))
             self._swept += ahead
-        span = (packet.last - packet.first) % _TURN
-        while self._gaps and self._gaps[0][1] < self._swept + span - _TURN:
+        span = (packet.last - packet.first) % TURN
+        while self._gaps and self._gaps[0][1] < self._swept + span - TURN:
             self._gaps.popleft()
         step = span / max(len(packet.samples) - 1, 1)
         for i, (angle, distance) in enumerate(packet.points()):
@@ -91,7 +90,7 @@ class Sweep:
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
                 self._places[k] = self._swept + round(i * step)
-        ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= _TURN // 2
+        ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= TURN // 2
         if packet.is_ring_start:
             self._began = self._swept
         self._swept += span
@@ -103,19 +102,19 @@ class Sweep:
         ahead = 0 if self._seen is None else _ahead(self._seen, packet.first)
         is_gap = ahead > _GAP
         self._seen = packet.last
-        turned = ahead + (packet.last - packet.first) % _TURN
+        turned = ahead + (packet.last - packet.first) % TURN
         self.swept = Swept(self.swept.all + turned, self.swept.lost + (ahead if is_gap else 0))
         return is_gap
 
     def ranges(self) -> list[float]:
         """The range of each bin [m]; 0 where nothing was seen in the last turn, or, in a gap, in the turn before."""
-        oldest = self._swept - _TURN
+        oldest = self._swept - TURN
         found = [
             distance if written > oldest else 0.0 for distance, written in zip(self._ranges, self._written, strict=True)
         ]
         if self._gaps:
-            for k in [k for k, written in enumerate(self._written) if oldest - _TURN < written <= oldest]:
-                now = self._places[k] + _TURN
+            for k in [k for k, written in enumerate(self._written) if oldest - TURN < written <= oldest]:
+                now = self._places[k] + TURN
                 if any(begin <= now <= end for begin, end in self._gaps):
                     found[k] = self._ranges[k]
         return found
@@ -123,10 +122,10 @@ class Sweep:
 
 def _ahead(last: int, first: int) -> int:
     """The angle from a packet's last sample to the next one's first; 0 if they overlap."""
-    ahead = (first - last) % _TURN
-    return ahead if ahead < _TURN - _BACKWARDS else 0
+    ahead = (first - last) % TURN
+    return ahead if ahead < TURN - _BACKWARDS else 0
 
 
 def _seen(angle: int, heading: float) -> int:
     """An angle of a packet in the frame that does not turn, with the robot's heading [rad]."""
-    return round(angle - heading * _TURN / math.tau) % _TURN
+    return round(angle - heading * TURN / math.tau) % TURN

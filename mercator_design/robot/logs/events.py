@@ -286,7 +286,7 @@ class EventReader:
         kinds = [*_STARTS] if self._kind is None else [self._kind]
         kind = str(data.get("kind"))
         if kind not in kinds:
-            found = f"that of a {kind}" if kind in [*_STARTS] else "one of another program"
+            found = f"that of a {kind}" if kind in _STARTS else "one of another program"
             raise RobotError(f"expected the log of a {' or '.join(kinds)}, found {found}")
         start: LogStart = from_json(data, _STARTS[kind], error=RobotError, path="start")
         self._events = _EVENTS[kind]

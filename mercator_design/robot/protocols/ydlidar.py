@@ -31,6 +31,8 @@ COMMANDS = {
 _HEALTH_IN_MANUAL = 0x91
 _NAMES = {code: name for name, code in COMMANDS.items()} | {_HEALTH_IN_MANUAL: "health"}
 
+TURN = 360 * 64
+"""A full turn; the unit of angles in packets is a 64th of a degree."""
 SAMPLE_RATE = 5000
 """Samples per second of an X4 (data sheet)."""
 MAX_SAMPLES = 80
@@ -40,8 +42,7 @@ MAX_TURN_SAMPLES = 10_000
 
 _PACKET = struct.Struct("<HBBHHH")
 _PACKET_MARK = 0x55AA
-_TURN = 360 * 64  # the unit of angles in packets is a 64th of a degree
-_RADIANS = math.tau / _TURN
+_RADIANS = math.tau / TURN
 _MM = 4  # samples are quarters of a millimetre
 _STARTS = re.compile(rb"\xaa(?:\x55|\Z)|\xa5(?:\x5a|\Z)")
 
@@ -78,11 +79,11 @@ class Packet:
     @property
     def is_suspect(self) -> bool:
         """Whether its angles go backwards elsewhere than through north, so that those of the samples are unknown."""
-        return self.last < self.first and (self.first < 3 * _TURN // 4 or self.last > _TURN // 4)
+        return self.last < self.first and (self.first < 3 * TURN // 4 or self.last > TURN // 4)
 
     def points(self) -> list[Point]:
         """The samples in their order, clockwise."""
-        step = (self.last - self.first) % _TURN / max(len(self.samples) - 1, 1)
+        step = (self.last - self.first) % TURN / max(len(self.samples) - 1, 1)
         first, turn = self.first, math.tau
         ranges = [sample / (1000.0 * _MM) for sample in self.samples]
         return [

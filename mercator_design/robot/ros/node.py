@@ -22,12 +22,11 @@ from mercator_design.robot.ros.messages import LEDS, MADE_HERE, OBEYED, PUBLISHE
 from mercator_design.robot.run.control import in_control
 from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.run.safety import Brake, raise_priority
-from mercator_design.robot.run.senses import Senses
+from mercator_design.robot.run.senses import DEVICE_OF, Senses
 
 NAME = "mercator_robot"
 """Name of the node."""
 
-_SENSES = ("ground", "neighbours", "proximity")
 _ABSENT = (
     "ros: {}; on Debian and Ubuntu: apt install python3-rospy python3-sensor-msgs python3-nav-msgs, and run this with "
     "the system's Python: /usr/bin/python3 mercator-robot.pyz ros"
@@ -273,7 +272,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
     Raises:
         RobotError, RobotStopped, Signalled: as `in_control`.
     """
-    with in_control(settings, _SENSES, settings.labels_of({}), None) as control:
+    with in_control(settings, DEVICE_OF, settings.labels_of({}), None) as control:
         robot = control.robot
         robot.introduce(report)
         sweep = Sweep(settings.lidar_angle)  # in the robot's frame

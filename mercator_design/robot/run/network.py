@@ -104,7 +104,8 @@ class Heartbeats:
             self._refuse("its signature is wrong")
             return
         sealed, _, seal = found[1].rpartition(b" ")
-        counter, then = (convert(part) for convert, part in zip((int, float), sealed.split(), strict=True))
+        number, sent = sealed.split()
+        counter, then = int(number), float(sent)
         self._used = {used: time for used, time in self._used.items() if now - time <= self._lasts}
         if not hmac.compare_digest(_digest(self._seal_key, sealed)[:32], seal):
             self._refuse("it is of another run")
@@ -113,7 +114,7 @@ class Heartbeats:
         elif counter in self._used:
             self._refuse("it came before")
         else:
-            self._used[int(counter)] = then
+            self._used[counter] = then
             self.heard = max(self.heard or then, then)
 
     def _refuse(self, why: str) -> None:

@@ -39,7 +39,7 @@ _PLAIN = re.compile(r"[A-Za-z0-9_./:@+-]+")
 """Characters without a special meaning in rules and units."""
 
 _LIMITS = "@dialout - rtprio 2\n"
-# The second line of a rule is of the whole USB device: there ModemManager heeds it, and brltty's rules want a service.
+# The second line of a rule is for the whole USB device: ModemManager reads it there, and brltty starts a service.
 _RULE = """
 # {device}: {description}
 SUBSYSTEM=="tty", {parent}, SYMLINK+="mercator-{device}", GROUP="dialout", MODE="0660", ENV{{ID_MM_PORT_IGNORE}}="1"

@@ -26,8 +26,8 @@ from mercator_design.robot.protocols.ydlidar import Packet, Turns
 from mercator_design.robot.run.control import held_up, in_control
 from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.safety import STALL
+from mercator_design.robot.run.senses import DEVICE_OF
 
-_SENSES = ("ground", "neighbours", "proximity")  # they need all devices
 _CHECK_EVERY = 0.1  # [s] between checks of the devices
 
 
@@ -91,7 +91,7 @@ def record(
         RobotError, RobotStopped, Signalled: as `in_control`.
     """
     log = Log(path)
-    with in_control(settings, _SENSES, {}, log) as control:
+    with in_control(settings, DEVICE_OF, {}, log) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
         robot.notes.send_to(log.remark, report)

@@ -75,9 +75,7 @@ class Accounts:
             yield
         finally:
             self._ends.discard(ended)
-            self.streams[name] -= 1
-            if not self.streams[name]:
-                del self.streams[name]
+            self.streams -= Counter([name])
 
     def end_streams(self) -> None:
         """End all event streams, because the service ends."""

@@ -45,7 +45,7 @@ class Entrance:
         return is_loopback(self.host) and not self.is_behind_proxy
 
     def knows(self, host: str) -> bool:
-        """Whether a header Host is for this service. A foreign name may lead here that another page has rebound."""
+        """Whether a Host header names this service. Another site may have rebound its own name to this machine."""
         found = _HOST.fullmatch(host)
         if found is None:
             return False

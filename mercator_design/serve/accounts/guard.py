@@ -1,4 +1,4 @@
-"""The guard in front of every request: it lets nobody in whom it does not know.
+"""The guard in front of every request: it refuses requests of unknown users.
 
 It refuses by default: it knows no routes, but for a few exact addresses that need no login.
 """
@@ -87,7 +87,7 @@ class Guard:
         app: The application.
         accounts: Who may use it.
         entrance: How it is reached.
-        openings: What of it needs no login.
+        openings: The addresses that need no login.
         max_streams: Event streams of a user at the same time.
         body_seconds: Seconds in which a body has to come.
         clock: Seconds that have passed since some time.

@@ -68,9 +68,8 @@ def _table(found: list[dict[str, Any]], width: int | None) -> str:
         return aligned([columns, *([row[name] for name in columns] for row in rows)])
 
     for name in _DISPENSABLE:
-        if width is None or max(map(len, lines())) <= width or name not in columns:
-            continue
-        columns.remove(name)
+        if width is not None and name in columns and max(map(len, lines())) > width:
+            columns.remove(name)
     return "\n".join(lines())
 
 

@@ -127,8 +127,8 @@ def follow(
     """
     now: dict[str, Any] = connection.call("GET", f"/jobs/{quote(job, safe='')}")
     try:
-        raced, budget, known = _Raced(str(now["name"]), now["direction"] == "maximise"), int(now["budget"]), 0
-        known = int(now["experiments"])
+        raced = _Raced(str(now["name"]), now["direction"] == "maximise")
+        budget, known = int(now["budget"]), int(now["experiments"])
     except (KeyError, TypeError, ValueError):
         raise ClientError(f"{connection.server}: expected a job, found something else") from None
     plan = Progress(iteration=1, iterations=0, alive=0, used=0, budget=budget, best=None)

@@ -106,7 +106,7 @@ class Desk:
                 raise Busy("the service is busy with too much work at a time: try again in a moment")
             self._asked[user] += 1
             if not self._changed.wait_for(lambda: self._may_begin(user), _PATIENCE):
-                self._less(self._asked, user)
+                self._asked -= Counter([user])
                 raise Busy("the service is busy with other work: try again in a moment")
             self._at_work[user] += 1
             helper = self._idle.pop()
@@ -118,8 +118,8 @@ class Desk:
             if not is_well:
                 helper.close()
             with self._changed:
-                self._less(self._asked, user)
-                self._less(self._at_work, user)
+                self._asked -= Counter([user])
+                self._at_work -= Counter([user])
                 if is_well:
                     self._idle.append(helper)
                 else:
@@ -129,12 +129,6 @@ class Desk:
 
     def _may_begin(self, user: str) -> bool:
         return bool(self._idle) and self._at_work[user] < self._most_of_user
-
-    @staticmethod
-    def _less(counts: Counter[str], user: str) -> None:
-        counts[user] -= 1
-        if not counts[user]:
-            del counts[user]
 
     def _add(self) -> None:
         if not self._is_closed:

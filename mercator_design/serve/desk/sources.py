@@ -141,7 +141,7 @@ def leader_of(folder: Path) -> Leader:
     """
     status = RaceStatus(folder)
     record = status.read_on()
-    number, mean = status.leader, status.best
+    number, mean = record.leader, status.best
     if number is None or mean is None:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
     if record.start["task"] != "mission":

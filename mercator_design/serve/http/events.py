@@ -39,7 +39,9 @@ def _place(
     service: TheService,
     row: VisibleJob,
     last: Annotated[str, Header(alias="Last-Event-ID", max_length=20, pattern=r"^\d*$")] = "",
-    after: Annotated[int, Query(ge=0, lt=2**63, description="As Last-Event-ID, for who cannot send headers.")] = 0,
+    after: Annotated[
+        int, Query(ge=0, lt=2**63, description="As Last-Event-ID, for clients that cannot send headers.")
+    ] = 0,
 ) -> int:
     """The place in the journal after which to begin."""
     place = int(last or after)

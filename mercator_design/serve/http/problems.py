@@ -61,11 +61,11 @@ def answer(status: int, title: str, errors: Sequence[str], headers: dict[str, st
 
 
 ProblemPage: TypeAlias = Callable[[Request, Problem], Response]
-"""Makes the page of a problem, for who reads pages."""
+"""Makes the page of a problem, for browsers."""
 
 
 def report_problems(app: FastAPI, page: ProblemPage) -> None:
-    """Let an application answer errors with problems: as pages to who asks for a page, else as JSON."""
+    """Let an application answer errors with problems: as a page if the client accepts HTML, else as JSON."""
 
     def readable(handler: Callable[[Request, Exception], JSONResponse]) -> Callable[[Request, Exception], Response]:
         def handle(request: Request, error: Exception) -> Response:

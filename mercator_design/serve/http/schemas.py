@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Flavour: TypeAlias = str
     Method: TypeAlias = str
     Order: TypeAlias = str
-else:  # the words of the house's tables
+else:  # the words of this package's tables
     Flavour, Method, Order = Literal[FLAVOURS], Literal[tuple(METHODS)], Literal[ORDERS]
 Identity = Annotated[str, Field(max_length=200)]
 MissionText = Annotated[str, Field(max_length=MAX_TEXT)]

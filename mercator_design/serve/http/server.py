@@ -77,7 +77,7 @@ class _Server(uvicorn.Server):
 class PatientProtocol(H11Protocol):
     """HTTP that does not wait for ever for the headers of a request.
 
-    Of too many connections, the one that has waited longest is closed: who only connects keeps nobody out.
+    Of too many connections, the one that has waited longest is closed, so idle clients keep nobody out.
     """
 
     _waiting: asyncio.TimerHandle | None = None

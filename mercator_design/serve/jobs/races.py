@@ -1,7 +1,7 @@
 """What a run folder says of its race: its facts for lists, and its events for those who follow it."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import BinaryIO
@@ -17,17 +17,13 @@ CHUNK = 64 * 1024
 """Bytes that are read at a time."""
 
 
-@dataclass(slots=True)
 class RaceStatus:
     """The facts of a race that may be running; `read_on` reads what is new."""
 
-    folder: Path
-    _reading: Reading = field(init=False)
-    _key: tuple[int, ...] = field(default=(), init=False)
-    _best: float | None = field(default=None, init=False)
-
-    def __post_init__(self) -> None:
-        self._reading = Reading(self.folder / JOURNAL)
+    def __init__(self, folder: Path) -> None:
+        self.folder, self._reading = folder, Reading(folder / JOURNAL)
+        self._key: tuple[int, ...] = ()
+        self._best: float | None = None
 
     def read_on(self) -> Record:
         """The record so far; an empty one if no race has begun.
@@ -45,22 +41,14 @@ class RaceStatus:
         return self._reading.record
 
     @property
-    def leader(self) -> int | None:
-        """The number of the winner, or of the best after the last iteration."""
-        record = self.record
-        if record.ends and record.is_complete:
-            return record.ends[-1].winner
-        return record.ended[-1].elites[0] if record.iterations else None
-
-    @property
     def best(self) -> float | None:
-        """The mean score of the leader."""
+        """The mean score of the winner, or of the best configuration so far."""
         record = self.record
         if not (record.iterations or record.ends):
             return None
         key = (len(record.iterations), len(record.ends), len(record.budgets), sum(map(len, record.revised.values())))
         if key != self._key:  # hot: asked several times a second, and all experiments are looked at
-            scores = {} if self.leader is None else record.scores_of(self.leader)
+            scores = {} if record.leader is None else record.scores_of(record.leader)
             self._key, self._best = key, fmean(scores.values()) if scores else None
         return self._best
 

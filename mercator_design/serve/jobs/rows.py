@@ -11,12 +11,11 @@ from mercator_design.errors import RaceError, excerpt, printable
 from mercator_design.report.runs import run_of
 from mercator_design.runs.files import OtherVersion, read_journal
 from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.job import Job, State, state_of
+from mercator_design.serve.jobs.job import MAX_SEED, Job, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 1024 * 1024  # bytes of a mission
-_MAX_SEED = 2**63 - 1  # that SQLite stores
 _STATES: dict[str, State] = {"running": "running", "finished": "succeeded", "stopped": "paused"}
 """States of jobs by those of run folders; others have failed."""
 
@@ -66,9 +65,9 @@ def row_of_folder(folder: Path) -> Row | None:
     raced: dict[str, Any] = {"experiments": found["experiments"], "best": found["score"], "tested": found["tested"]}
     return Row(
         id=folder.name, owner="", name=printable(excerpt(str(found["name"]))), method=str(found["method"]),
-        flavour=printable(excerpt(str(found["flavour"] or ""))), seed=min(int(found["seed"]), _MAX_SEED),
+        flavour=printable(excerpt(str(found["flavour"] or ""))), seed=min(int(found["seed"]), MAX_SEED),
         state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),
-        budget=min(record.budget, _MAX_SEED), submitted=found["started"] or "", direction=_direction(folder), **raced,
+        budget=min(record.budget, MAX_SEED), submitted=found["started"] or "", direction=_direction(folder), **raced,
     )  # fmt: skip
 
 

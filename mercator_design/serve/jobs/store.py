@@ -8,10 +8,10 @@ import shutil
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from mercator_design.race.running.journal import now
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.job import Job, Request
 from mercator_design.serve.records import Records, new_id
@@ -67,7 +67,13 @@ class Store:
             OSError: It cannot be written.
         """
         job = Job(
-            id=new_id(name), owner=owner, name=name, direction=direction, request=request, submitted=_time(), key=key
+            id=new_id(name),
+            owner=owner,
+            name=name,
+            direction=direction,
+            request=request,
+            submitted=now("microseconds"),
+            key=key,
         )
         self._records.add(job, {} if text is None else {MISSION: text})
         return job
@@ -152,8 +158,3 @@ def size_of(folder: Path) -> int:
         except OSError:  # just removed
             continue
     return total
-
-
-def _time() -> str:
-    """The current time, so exact that it orders submissions."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")

@@ -25,7 +25,7 @@ _MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
     "charts.css": lambda: STYLE,
     "report.css": page_style,
 })  # fmt: skip
-"""Assets of other rooms."""
+"""Assets that other packages make."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ def gallery(
 
 def _of_design(one: Design, user: User) -> Html:
     score = None if one.mean is None else f"{number(one.mean)} (mean of {len(one.scores)} instances, {one.direction})"
-    facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", _day(one.created))]
+    facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", one.created[:10])]
     mine = ""
     if user.owns(one.owner):
         word = "Keep to yourself" if one.shared else "Share"
@@ -75,7 +75,7 @@ def _of_job(row: Row) -> Html:
     where = "in its race" if row.tested is None else "in its tests"
     score = None if best is None else f"{number(best)} (mean {where}, {row.direction})"
     link = Html(f'<a href="/jobs/{quote(row.id)}"><bdi>{escaped(row.id)}</bdi></a>') if row.is_job else row.id
-    facts = [("Job", link), ("Score", score), ("By", row.owner or None), ("Ended", _day(row.ended or row.submitted))]
+    facts = [("Job", link), ("Score", score), ("By", row.owner or None), ("Ended", (row.ended or row.submitted)[:10])]
     return _card("job", row.id, row.name, facts, f"/api/v1/jobs/{quote(row.id)}/files/fsm.txt", "")
 
 
@@ -90,7 +90,3 @@ def _card(kind: str, identity: str, name: str, facts: Sequence[tuple[str, object
         f'<a class="button" href="/fsm?{kind}={quote(identity)}">Edit</a>'
         f'<a class="button" href="{escaped(fetch)}" download="fsm.txt">fsm.txt</a>{more}</div></article>'
     )
-
-
-def _day(time: str) -> str:
-    return time[:10]

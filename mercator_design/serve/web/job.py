@@ -9,7 +9,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
-from mercator_design.errors import MercatorError, printable_lines
+from mercator_design.errors import MercatorError
 from mercator_design.report.page.markup import Html, facts_list, folded, section
 from mercator_design.report.page.page import REPORT
 from mercator_design.runs.files import JOURNAL
@@ -266,11 +266,7 @@ def _link(row: Row, name: str, path: Path) -> str:
 def _messages(service: Service, row: Row) -> Html:
     """The messages of the process of a job, for its owner."""
     text = last_messages(service.store.folder(row.id) / OUTPUT)
-    shown = (
-        f'<pre tabindex="0">{escaped_lines(printable_lines(text))}</pre>'
-        if text
-        else '<p class="faint">There are none.</p>'
-    )
+    shown = f'<pre tabindex="0">{escaped_lines(text)}</pre>' if text else '<p class="faint">There are none.</p>'
     is_open = " open" if row.state == "failed" and text else ""
     return Html(
         f'<div id="messages" data-live="{address(row, "/messages")}"><details{is_open}>'

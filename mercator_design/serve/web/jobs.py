@@ -13,7 +13,7 @@ from mercator_design.serve.jobs.index import ORDERS, Row
 from mercator_design.serve.jobs.job import STATES
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.job_parts import ACTIONS, address, best, buttons, moment, progress, state
-from mercator_design.serve.web.layout import fragment, page
+from mercator_design.serve.web.layout import fragment, options, page
 from mercator_design.view.markup import escaped
 
 router = APIRouter(include_in_schema=False)
@@ -82,12 +82,8 @@ def part(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse
 
 
 def _form(wanted: _Filter, user: User) -> Html:
-    def select(name: str, label: str, options: dict[str, str], chosen: str) -> str:
-        shown = "".join(
-            f'<option value="{value}"{" selected" if value == chosen else ""}>{word}</option>'
-            for value, word in options.items()
-        )
-        return f'<label>{label}<select name="{name}">{shown}</select></label>'
+    def select(name: str, label: str, offered: dict[str, str], chosen: str) -> str:
+        return f'<label>{label}<select name="{name}">{options(offered.items(), chosen)}</select></label>'
 
     def text(name: str, label: str, value: str) -> str:
         return f'<label>{label}<input type="search" name="{name}" value="{escaped(value)}" maxlength="100"></label>'
@@ -125,7 +121,7 @@ def _shortage(service: Service) -> str:
 
 def _nothing(wanted: _Filter) -> Html:
     if wanted.query() != "?":
-        return Html('<p>No job is as asked for. <a href="/">Show all jobs</a></p>')
+        return Html('<p>No job matches. <a href="/">Show all jobs</a></p>')
     return Html(
         '<div class="card first"><h2>No jobs yet</h2><p>A job designs control software for a swarm: you choose or '
         "write a mission, the service tries controllers in simulation, and you watch, replay and keep the best.</p>"
@@ -164,7 +160,7 @@ def _pages(wanted: _Filter, total: int) -> Html:
     last = max(1, -(-total // _PAGE))
     if last == 1:
         return Html(f'<p class="faint">{total} job{"s" * (total != 1)}</p>' if total else "")
-    before = f'<a href="/{escaped(wanted.query(page=wanted.page - 1))}">Before</a>' if wanted.page > 1 else ""
+    before = f'<a href="/{escaped(wanted.query(page=wanted.page - 1))}">Previous</a>' if wanted.page > 1 else ""
     after = f'<a href="/{escaped(wanted.query(page=wanted.page + 1))}">Next</a>' if wanted.page < last else ""
     return Html(
         f'<nav class="pages" aria-label="Pages of the list">{before} <span class="faint">page {wanted.page} of {last}, '

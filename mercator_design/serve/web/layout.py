@@ -1,6 +1,6 @@
 """The frame of all pages: head, navigation, policy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
@@ -20,6 +20,8 @@ _STYLES = ("report.css", "charts.css", "app.css")
 _SCRIPTS = ("htmx.min.js", "app.js")
 _LOGOUT = '<form method="post" action="/logout"><button>Log out</button></form>'
 _LINKS = {"/": "Jobs", "/new": "New job", "/fsm": "FSM editor", "/compare": "Compare", "/gallery": "Gallery"}
+_HERE = ' aria-current="page"'
+_HEADERS = {"Content-Security-Policy": POLICY, "Cache-Control": "no-store"}
 
 
 def page(
@@ -57,21 +59,28 @@ def page(
 <main id="main" class="app"><h1><bdi>{escaped(title)}</bdi></h1>
 {"".join(body)}</main></body></html>
 """
-    return HTMLResponse(text, status, headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
+    return HTMLResponse(text, status, headers=_HEADERS)
 
 
 def fragment(*parts: str) -> HTMLResponse:
     """A part of a page, which a script puts in its place."""
-    return HTMLResponse("".join(parts), headers={"Content-Security-Policy": POLICY, "Cache-Control": "no-store"})
+    return HTMLResponse("".join(parts), headers=_HEADERS)
+
+
+def options(of: Iterable[tuple[str, str]], chosen: str = "") -> Html:
+    """The options of a list: value and text."""
+    return Html(
+        "".join(
+            f'<option value="{escaped(value)}"{" selected" * (value == chosen)}>{escaped(text)}</option>'
+            for value, text in of
+        )
+    )
 
 
 def _navigation(user: User | None, here: str) -> Html:
     if user is None:
         return Html('<header class="bar"><span class="brand">mercator_design</span></header>')
-    links = "".join(
-        f'<a href="{to}"{" aria-current=" + chr(34) + "page" + chr(34) if to == here else ""}>{word}</a>'
-        for to, word in _LINKS.items()
-    )
+    links = "".join(f'<a href="{to}"{_HERE if to == here else ""}>{word}</a>' for to, word in _LINKS.items())
     return Html(
         '<a class="skip" href="#main">To the content</a>'
         f'<header class="bar"><span class="brand">mercator_design</span><nav>{links}</nav>'

@@ -1,7 +1,5 @@
 """The page on which users draw FSMs, run them, and compare them with those of jobs."""
 
-from collections.abc import Iterable
-
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
@@ -13,7 +11,7 @@ from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.service import Service
-from mercator_design.serve.web.layout import page
+from mercator_design.serve.web.layout import options, page
 from mercator_design.view.markup import escaped
 
 router = APIRouter(include_in_schema=False)
@@ -81,16 +79,6 @@ def instances(service: Service) -> Html:
     return Html(
         f'<div><label for="runs">Instances</label><input id="runs" type="number" min="1" max="{most}" value="20"></div>'
         '<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>'
-    )
-
-
-def options(of: Iterable[tuple[str, str]], chosen: str = "") -> Html:
-    """The options of a list: value and text."""
-    return Html(
-        "".join(
-            f'<option value="{escaped(value)}"{" selected" * (value == chosen)}>{escaped(text)}</option>'
-            for value, text in of
-        )
     )
 
 

@@ -18,7 +18,7 @@ from mercator_design.serve.http.missions import shipped_missions, text_of_job
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, Request
 from mercator_design.serve.service import Service
-from mercator_design.serve.web.layout import page
+from mercator_design.serve.web.layout import options, page
 from mercator_design.view.markup import escaped
 
 router = APIRouter(include_in_schema=False)
@@ -92,16 +92,15 @@ def _request_of(service: Service, row: Row) -> Request:
 def _start(name: str, job: str) -> Html:
     """What the mission starts from."""
     own = f'<option value="" selected>job {escaped(job)}</option>' if job else ""
-    options = "".join(
-        f'<option value="{escaped(one.name)}"{" selected" * (one.name == name)}>{escaped(one.name)}: {one.robots} '
-        f"robots, {one.duration:g} s, {escaped(one.direction)} {escaped(one.objective)}</option>"
+    offered = (
+        (one.name, f"{one.name}: {one.robots} robots, {one.duration:g} s, {one.direction} {one.objective}")
         for one in shipped_missions().values()
     )
     about = shipped_missions()[name] if name else None
     words = f'{escaped(about.description)} <span class="faint">{escaped(about.source)}</span>' if about else ""
     return Html(
         '<form id="start" class="start" method="get" action="/new"><div><label for="mission">Start from</label>'
-        f'<select id="mission" name="mission">{own}{options}</select></div><button>Open</button></form>'
+        f'<select id="mission" name="mission">{own}{options(offered, name)}</select></div><button>Open</button></form>'
         f'<p class="about">{words}</p>'
     )
 
@@ -154,10 +153,5 @@ def _number(name: str, label: str, value: int, low: int, high: int) -> str:
 
 
 def _choice(name: str, label: str, words: Iterable[str], chosen: str) -> str:
-    options = "".join(
-        f'<option value="{word}"{" selected" * (word == chosen)}>{escaped(_WORDS.get(word, word))}</option>'
-        for word in words
-    )
-    return (
-        f'<div><label for="{name}">{escaped(label)}</label><select id="{name}" name="{name}">{options}</select></div>'
-    )
+    shown = options(((word, _WORDS.get(word, word)) for word in words), chosen)
+    return f'<div><label for="{name}">{escaped(label)}</label><select id="{name}" name="{name}">{shown}</select></div>'

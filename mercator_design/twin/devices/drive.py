@@ -82,7 +82,7 @@ class TwinDrive:
         """Update the treads; the resulting notifications."""
         if self.now >= self._deadline:
             self._stop("timeout")
-        self._report()
+        self._retarget()
         notifications: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
@@ -103,10 +103,10 @@ class TwinDrive:
         self._stop(cause)
         self.treads = _REST
 
-    def end_position_drive(self, cause: str) -> None:
-        """Stop a drive to a position, which has no timeout."""
+    def end_position_drive(self) -> None:
+        """Stop a drive to a position, which has no timeout, because the port was closed."""
         if self._controller == _POSITION:
-            self._stop(cause)
+            self._stop("port closed")
 
     def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
         """Set which motors (0 left, 1 right) are stuck; the resulting notifications."""
@@ -118,7 +118,7 @@ class TwinDrive:
         """Set which motors have no power, whatever the target speeds are."""
         self._cut = frozenset(motors)
 
-    def _report(self) -> None:
+    def _retarget(self) -> None:
         left, right = self._aim()
         self.target = min(max(left, -TOP), TOP), min(max(right, -TOP), TOP)
 
@@ -127,7 +127,7 @@ class TwinDrive:
         self._limit = self._slew["linear_acceleration"] if controller in {_YAW_SLEW, _RC_SLEW} else _AT_ONCE
         self._deadline = self.now + self._timeout
         self._stopped = False
-        self._report()
+        self._retarget()
 
     def _stop(self, cause: str, deceleration: float = BRAKING) -> None:
         was_stopped = self._stopped

@@ -28,18 +28,17 @@ class TwinHub:
     plugged_in: Bit i is set if sensor i is connected.
     """
 
-    def __init__(self, measure: Callable[[], Sequence[float]], *, now: float = 0.0) -> None:
+    def __init__(self, measure: Callable[[], Sequence[float]]) -> None:
         """A hub in binary mode with all sensors in use.
 
         Args:
             measure: Returns the distance of each sensor [m]; minus infinity if too near, infinity if none is in range.
-            now: The time [s].
         """
         self._measure = measure
         self._line = command_decoder()
         self._text = False
         self.plugged_in = self._mask = (1 << SENSORS) - 1
-        self._due = now
+        self._due = 0.0
 
     def receive(self, data: bytes, now: float) -> bytes:
         """The answer to these bytes."""

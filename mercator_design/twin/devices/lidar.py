@@ -14,6 +14,7 @@ from mercator_design.arrays import Floats
 from mercator_design.jit import compiled
 from mercator_design.robot.protocols.ydlidar import (
     SAMPLE_RATE,
+    TURN,
     DeviceInfo,
     Health,
     Packet,
@@ -25,14 +26,11 @@ from mercator_design.robot.protocols.ydlidar import (
 Scan: TypeAlias = Callable[[], Floats]
 """Returns FINE ranges [m] for each sample, counter-clockwise from the robot's front; 0 if nothing is in range."""
 
-RATE = SAMPLE_RATE
-"""Samples/s."""
 SPINS_UP = 0.5
 """[s] that the motor takes to reach its speed."""
 FINE = 4
 
 _PACKET = 40  # samples at most
-_UNITS = 360 * 64  # of angles in packets, in a turn
 _MM = 4000.0  # units of ranges in a metre
 _REBOOTS = 0.5  # [s]
 _MAX_RANGE = 0xFFFF
@@ -82,7 +80,7 @@ class TwinLidar:
         while start <= now:
             first = self._sent % self._samples
             count = 1 if first == 0 else min(_PACKET, self._samples - first)
-            if (self._sent + count) / RATE > now - start:
+            if (self._sent + count) / SAMPLE_RATE > now - start:
                 break
             said.append(self._packet(first, count))
             self._sent += count
@@ -113,7 +111,7 @@ class TwinLidar:
         found = self._found[:count]
         compiled(put)(self._scan(), _CORRECTIONS, self._samples, first, found, self._scratch)
         ranges = tuple(np.minimum(np.rint(_MM * found), _MAX_RANGE).astype(int).tolist())
-        step = _UNITS / self._samples
+        step = TURN / self._samples
         return Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0).encode()
 
 

@@ -45,8 +45,7 @@ _ACCEPTED = {
     # Slots are kept by the line.
     "configure_streaming_service",
 }
-_WHITE = 30
-_LEDS = _WHITE + 1
+_LEDS = 31  # the last is the white one
 
 
 class TwinRvr:
@@ -57,14 +56,13 @@ class TwinRvr:
     drive: Its drive.
     """
 
-    def __init__(self, measure: Measure, *, tread_distance: float, number: int = 0, now: float = 0.0) -> None:
+    def __init__(self, measure: Measure, *, tread_distance: float, number: int = 0) -> None:
         """Switch a robot on.
 
         Args:
             measure: Returns the measurement of a device.
             tread_distance: Distance between the treads [m].
             number: Number of the robot, for its names.
-            now: The time [s].
         """
         self.leds = bytearray(_LEDS)
         self.level = 100.0
@@ -72,8 +70,8 @@ class TwinRvr:
         self._senses = TwinSenses(measure, self._line)
         self.drive = TwinDrive(tread_distance, self._senses.place)
         self._number = number
-        self._began = self._active = self._now = now
-        self._awake = now  # from when on
+        self._began = self._active = self._now = 0.0
+        self._awake = 0.0  # from when on
         self._warned = False
         self._battery_state = _GOOD
         self._notifies = dict.fromkeys(
@@ -111,7 +109,7 @@ class TwinRvr:
     def hang_up(self, now: float) -> None:
         """Note that the port was closed."""
         self._now = self.drive.now = now
-        self.drive.end_position_drive("port closed")
+        self.drive.end_position_drive()
 
     def stall(self, motors: Iterable[int]) -> None:
         """Set which motors (0 left, 1 right) are stuck; these have no power."""

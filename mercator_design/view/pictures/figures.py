@@ -56,13 +56,13 @@ def file_of(figure: Figure, suffix: str, caption: str = "") -> bytes:
     """The contents of the file of a figure with a caption below it; the suffix, of FORMATS, is the format."""
     suffix, file = suffix.lower(), io.BytesIO()
     if caption:
-        below = lines_of(caption, round(18 * figure.get_figwidth()))
-        figure.text(0.5, -0.01, below, ha="center", va="top", size=6.0, family="monospace")
+        draw_caption(figure, caption, -0.01, "top")
     box = "tight" if caption else None
     figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI, bbox_inches=box, pad_inches=0.06)
     return file.getvalue()
 
 
-def lines_of(text: str, length: int, most: int = 3) -> str:
-    """A text of others in at most so many lines of a length [letters]."""
-    return "\n".join(textwrap.wrap(printable(text), length, max_lines=most, placeholder=" ..."))
+def draw_caption(figure: Figure, caption: str, y: float, align: str) -> None:
+    """Draw a caption in at most three lines; `align` of its edges is at a height from 0 to 1."""
+    lines = textwrap.wrap(printable(caption), round(18 * figure.get_figwidth()), max_lines=3, placeholder=" ...")
+    figure.text(0.5, y, "\n".join(lines), ha="center", va=align, size=6.0, family="monospace")

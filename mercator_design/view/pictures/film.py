@@ -27,7 +27,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.system.files import replacing
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.pictures.figures import house_style, lines_of, save_figure
+from mercator_design.view.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     PIXELS,
@@ -118,11 +118,8 @@ class Stage:
         height = _SIZE + 1.5
         self.figure = Figure(figsize=(_SIZE * len(shown), height), dpi=_DPI)
         self._canvas = cast("Any", FigureCanvasAgg(self.figure))  # without types
-        self._scenes = [
-            _Scene(self.figure, one, (k / len(shown), 0.0, 1.0 / len(shown), 1.0)) for k, one in enumerate(shown)
-        ]
-        below = lines_of(caption, round(18 * _SIZE * len(shown)))
-        self.figure.text(0.5, 0.05 / height, below, ha="center", va="bottom", size=6.0, family="monospace")
+        self._scenes = [_Scene(self.figure, one, k / len(shown), 1.0 / len(shown)) for k, one in enumerate(shown)]
+        draw_caption(self.figure, caption, 0.05 / height, "bottom")
         self._moving = [artist for scene in self._scenes for artist in scene.moving]
         self._clocks = [scene.clock for scene in self._scenes]
         for artist in (*self._moving, *self._clocks):
@@ -160,9 +157,8 @@ class _Scene:
     clock: The time and the score, in words.
     """
 
-    def __init__(self, figure: Figure, shown: ShownExperiment, place: tuple[float, float, float, float]) -> None:
+    def __init__(self, figure: Figure, shown: ShownExperiment, left: float, width: float) -> None:
         self._trace, self._shown = shown.trace, shown
-        left, _, width, _ = place
         axes = figure.add_axes((left + 0.1 * width, 0.27, 0.86 * width, 0.62), facecolor=OUTSIDE, aspect="equal")
         low, high = limits(shown)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")

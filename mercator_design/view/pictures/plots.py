@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 from mercator_design.arrays import Floats
 from mercator_design.errors import excerpt, printable
 from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.pictures.figures import house_style, lines_of, save_figure
+from mercator_design.view.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.view.pictures.scenery import (
     OUTSIDE,
     UNKNOWN,
@@ -76,8 +76,7 @@ def plots(shown: Sequence[ShownExperiment], kinds: Sequence[str], *, caption: st
             bottom -= row
             place = (left / width, (bottom + _BELOW) / height, _WIDTH / width, _HEIGHTS[kind] / height)
             KINDS[kind](figure.add_axes(place), one)
-    below = lines_of(caption, round(18 * width))
-    figure.text(0.5, 0.1 / height, below, ha="center", va="bottom", size=6.0, family="monospace")
+    draw_caption(figure, caption, 0.1 / height, "bottom")
     return figure
 
 

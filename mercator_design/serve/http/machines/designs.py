@@ -107,7 +107,7 @@ def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswe
         limits=service.settings.limits,
     )
     new = service.desk.run(new_design, machines)
-    seeds, scores = fresh_instances(TEST_SEED, _RUNS), tuple[float, ...]()
+    seeds = fresh_instances(TEST_SEED, _RUNS)
     try:
         scores = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds).scores
     except TooMuchWork:  # one experiment is too much: the score is not known

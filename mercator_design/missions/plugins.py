@@ -41,6 +41,7 @@ CHANGES: list[Change] = []
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[str, Plugin] = {}  # by name
 _loading = threading.RLock()
+_closed: list[str] = []  # why no more are loaded
 
 
 class ZoneReference:
@@ -226,6 +227,8 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         namesake = _loaded.get(plugin.name)
         if namesake is not None and namesake.digest == plugin.digest:
             return
+        if _closed:
+            raise MissionError(f"{label}: {_closed[0]}")
         if namesake is not None:
             another = f"another plugin of that name (digest {namesake.digest}, not {plugin.digest}) is loaded already"
             raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")
@@ -246,6 +249,11 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
                 )
             undo.pop_all()
         _loaded[plugin.name] = plugin
+
+
+def close(why: str) -> None:
+    """Let this process run no more plugins than those loaded so far: MissionErrors give this reason."""
+    _closed[:] = [why]
 
 
 def snapshot() -> Callable[[], None]:

@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 import pytest
 
 from mercator_design.serve.web.assets import assets
+from tests.serve.races import BUDGET
 from tests.serve.still import ROOT
 
 EVIL = "<script>alert(1)</script>\u202e\"'&"
@@ -186,6 +187,32 @@ def test_old_run_folders_are_shown_without_actions(quiet, ann):
     assert "data-do=" not in text
     assert "A run folder in the data folder" in text
     assert 'href="/api/v1/jobs/my%20old%20run/files/fsm.txt"' in text
+
+
+FOREIGN = """
+from pathlib import Path
+from mercator_design.missions.plugins import objective
+Path({mark!r}).touch()
+
+@objective
+def leftmost(trace) -> float:
+    return float(trace.poses[-1, 0, 0])
+"""
+
+
+@pytest.mark.usefixtures("registries")
+def test_plugins_of_old_run_folders_are_not_run(quiet, ann, mdesign_once, tmp_path):
+    """Only those that serve.yaml names are: who puts a folder there may have it from a stranger."""
+    plugin, mark, race = tmp_path / "mine.py", tmp_path / "has run", ("--budget", BUDGET, "--jobs", 1, "--quiet")
+    plugin.write_text(FOREIGN.format(mark=str(mark)))
+    mission = ("aggregation", "--set", "duration=2", "--set", "objective={name: leftmost, direction: maximise}")
+    mdesign_once("race", *mission, "--plugin", plugin, *race, "-o", quiet.service.data / "foreign")
+    mark.unlink()
+    quiet.service.supervisor.reconcile()
+    for part in ("", "/race", "/about", "/files"):
+        text = html.unescape(ann.get(f"/jobs/foreign{part}").text)
+        assert ("expected a plugin that serve.yaml names" in text) == (part == "/race")
+    assert not mark.exists()
 
 
 def test_an_administrator_sees_all(quiet):

@@ -72,7 +72,7 @@ class Store:
             name=name,
             direction=direction,
             request=request,
-            submitted=now("microseconds"),
+            submitted=now("microseconds"),  # so exact that it orders submissions
             key=key,
         )
         self._records.add(job, {} if text is None else {MISSION: text})

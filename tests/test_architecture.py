@@ -24,7 +24,7 @@ def test_imports_go_down_only(monkeypatch):
     assert status == EXIT_STATUS_SUCCESS, report.getvalue()
 
 
-def test_rooms_and_modules_are_small():
+def test_packages_and_modules_are_small():
     """What a reader can take in: 12 modules of a folder, 400 lines of a module."""
     modules = [*(ROOT / "mercator_design").rglob("*.py")]
     of_folder = Counter(module.parent.relative_to(ROOT) for module in modules if module.stem != "__init__")

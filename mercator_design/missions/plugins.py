@@ -41,7 +41,7 @@ CHANGES: list[Change] = []
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[str, Plugin] = {}  # by name
 _loading = threading.RLock()
-_closed: list[str] = []  # why no more are loaded
+_refusal: list[str] = []  # why no more are run; empty while they are
 
 
 class ZoneReference:
@@ -227,8 +227,8 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         namesake = _loaded.get(plugin.name)
         if namesake is not None and namesake.digest == plugin.digest:
             return
-        if _closed:
-            raise MissionError(f"{label}: {_closed[0]}")
+        if _refusal:
+            raise MissionError(f"{label}: {_refusal[0]}")
         if namesake is not None:
             another = f"another plugin of that name (digest {namesake.digest}, not {plugin.digest}) is loaded already"
             raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")
@@ -251,9 +251,9 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         _loaded[plugin.name] = plugin
 
 
-def close(why: str) -> None:
-    """Let this process run no more plugins than those loaded so far: MissionErrors give this reason."""
-    _closed[:] = [why]
+def refuse_more(why: str) -> None:
+    """Run no more plugins in this process: from now on, those not loaded yet raise a MissionError with this reason."""
+    _refusal[:] = [why]
 
 
 def snapshot() -> Callable[[], None]:

@@ -126,9 +126,7 @@ class Devices(Surroundings):
         """A notification of the RVR."""
         self._told.append(self.rvr._line.notify(name, **values))
 
-    def when(self, done):
-        """Wait until something is so."""
-        wait_until(done)
+    when = staticmethod(wait_until)
 
     def settle(self):
         """Wait until what was told before is on its way, and all that follows is as the test has set it."""

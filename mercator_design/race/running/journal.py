@@ -274,7 +274,7 @@ def is_locked(path: Path) -> bool:
 
 
 def now(timespec: str = "seconds") -> str:
-    """The current time as text, as exact as `datetime.isoformat` is asked to make it."""
+    """The current time as text; `timespec` is that of `datetime.isoformat`."""
     return datetime.now(UTC).isoformat(timespec=timespec)
 
 

@@ -200,7 +200,7 @@ def _memory_of(process: int | None) -> int:
 def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     """Work until the service has gone."""
     from mercator_design.missions.plugin_files import read_plugin
-    from mercator_design.missions.plugins import close, run_plugin
+    from mercator_design.missions.plugins import refuse_more, run_plugin
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_service, daemon=True).start()
@@ -209,7 +209,7 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     os.chdir(folder)
     for file in plugins:
         run_plugin(read_plugin(Path(file)), file)
-    close("expected a plugin that serve.yaml names, found another one; it was not run")
+    refuse_more("expected a plugin that serve.yaml names, found another one; it was not run")
     with contextlib.suppress(EOFError, OSError):
         while True:
             function, arguments, given = connection.recv()

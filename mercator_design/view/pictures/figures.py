@@ -63,6 +63,6 @@ def file_of(figure: Figure, suffix: str, caption: str = "") -> bytes:
 
 
 def draw_caption(figure: Figure, caption: str, y: float, align: str) -> None:
-    """Draw a caption in at most three lines; `align` of its edges is at a height from 0 to 1."""
+    """Draw a caption in at most three lines: its `align`, top or bottom, is at y (0 to 1) of the figure's height."""
     lines = textwrap.wrap(printable(caption), round(18 * figure.get_figwidth()), max_lines=3, placeholder=" ...")
     figure.text(0.5, y, "\n".join(lines), ha="center", va=align, size=6.0, family="monospace")

@@ -228,7 +228,7 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         if namesake is not None and namesake.digest == plugin.digest:
             return
         if _refusal:
-            raise MissionError(f"{label}: {_refusal[0]}")
+            raise MissionError(f"{plugin.name}: {_refusal[0]}")
         if namesake is not None:
             another = f"another plugin of that name (digest {namesake.digest}, not {plugin.digest}) is loaded already"
             raise MissionError(f"{label}: {another}; start this process anew, or give the plugin another name")

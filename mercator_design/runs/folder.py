@@ -14,7 +14,10 @@ When a race has finished, its provenance is written again, with "finished", befo
 """
 
 import contextlib
+import csv
+import io
 import json
+import math
 import os
 import platform
 import sys
@@ -32,7 +35,7 @@ from mercator_design.race.running.journal import Journal, now
 from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.runs.files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
 from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
-from mercator_design.runs.tables import configurations_of
+from mercator_design.runs.tables import configuration_rows
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
 
 _RESULTS = "results.csv"
@@ -184,11 +187,7 @@ class RunFolder:
         header |= {"budget": str(optimizer.budget), "journal": digest[:16]}
         with _naming(self.path):
             write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
-            results = configurations_of(self.journal.record)
-            ranks = {elite.configuration: rank for rank, elite in enumerate(optimizer.elites, start=1)}
-            results.insert(0, "elite_rank", results.index.map(ranks.get).astype("Int64"))
-            in_order = results.sort_values(["elite_rank", "configuration"], na_position="last")
-            write_text(self.path / _RESULTS, in_order.to_csv())
+            write_text(self.path / _RESULTS, self._results())
             self._provenance = replace(
                 self._provenance,
                 finished=now(),
@@ -199,6 +198,18 @@ class RunFolder:
                 seconds=seconds,
             )
             write(self.path, self._provenance)
+
+    def _results(self) -> str:
+        """The configurations that were raced as CSV, the elites first."""
+        (number, *names), rows = configuration_rows(self.journal.record)
+        elites = [elite.configuration for elite in self.task.optimizer.elites]
+        ranks = {configuration: rank for rank, configuration in enumerate(elites, start=1)}
+        rows.sort(key=lambda row: ranks.get(row[0], math.inf))  # others stay in the order of their numbers
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow([number, "elite_rank", *names])
+        table.writerows([row[0], ranks.get(row[0]), *row[1:]] for row in rows)
+        return text.getvalue()
 
     def _header(self) -> dict[str, str]:
         """The header of the winner's file."""

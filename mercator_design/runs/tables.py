@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mercator_design.errors import RaceError
 from mercator_design.race.racing.summary import Scores
@@ -11,6 +11,16 @@ from mercator_design.runs.files import TASKS, read_journal
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from mercator_design.race.running.events import ExperimentDone
+
+_OWN = ("configuration", "first_iteration", "experiments", "failed", "mean", "standard_deviation")
+_OF_TESTS = ("tests", "test_mean", "test_low", "test_high")
+_DTYPES = {
+    **dict.fromkeys(_OWN[:4], "int64"),
+    **dict.fromkeys((*_OWN[4:], *_OF_TESTS[1:]), "float64"),
+    **dict.fromkeys(("tests", "parent"), "Int64"),
+}
 
 
 def experiments_table(path: Path) -> "pd.DataFrame":
@@ -49,7 +59,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     record = read_journal(path).record
     if not record.start:
         raise RaceError(f"{path}: no race has begun here yet")
-    return configurations_of(record)
+    return _configurations(record)
 
 
 def _experiments(record: Record) -> "pd.DataFrame":
@@ -65,27 +75,49 @@ def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
     return table.astype({"score": float})
 
 
-def configurations_of(record: Record) -> "pd.DataFrame":
+def _configurations(record: Record) -> "pd.DataFrame":
     import pandas as pd
 
-    table = _experiments(record)
-    results = table.groupby("configuration").agg(
-        first_iteration=("iteration", "min"),
-        experiments=("score", "size"),
-        failed=("score", lambda scores: int(scores.isna().sum())),
-        mean=("score", "mean"),
-        standard_deviation=("score", "std"),
-    )
-    tests = {configuration: Scores(scores) for configuration, scores in record.test_scores().items()}
-    if tests:
-        figures = {c: (len(t.values), t.mean, *(t.confidence_interval or (None, None))) for c, t in tests.items()}
-        names = ["tests", "test_mean", "test_low", "test_high"]
-        tested = pd.DataFrame.from_dict(figures, orient="index", columns=names)
-        results = results.join(tested).astype({"tests": "Int64"})
-    results["parent"] = [record.parents[number] for number in results.index]
-    results["parent"] = results["parent"].astype("Int64")
-    configurations = [record.configurations[number] for number in results.index]
+    names, rows = configuration_rows(record)
+    columns = zip(*rows, strict=True) if rows else ([] for _ in names)
+    return pd.DataFrame(
+        {
+            name: pd.Series(list(column), dtype=_DTYPES.get(name, object))
+            for name, column in zip(names, columns, strict=True)
+        }
+    ).set_index("configuration")
+
+
+def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
+    """The columns of `configurations_table`, the number of the configuration first, and its rows.
+
+    They are no table of pandas, which takes long to import, at the end of each race.
+    """
+    experiments: dict[int, list[ExperimentDone]] = {}
+    for one in record.results():
+        experiments.setdefault(one.configuration, []).append(one)
+    numbers = sorted(experiments)
+    configurations = [record.configurations[number] for number in numbers]
     task = TASKS[record.start["task"]]
     task.check(record.start, configurations)
     columns = task.columns(record.start, configurations)
-    return results.join(pd.DataFrame(columns, index=results.index, dtype=object))
+    tests = record.test_scores()
+    names = [*_OWN, *(_OF_TESTS if tests else ()), "parent", *columns]
+    rows: list[list[Any]] = []
+    for k, number in enumerate(numbers):
+        own = experiments[number]
+        found = tuple(one.score for one in own if one.score is not None)
+        scores = Scores(found)
+        row: list[Any] = [number, min(one.iteration for one in own), len(own), len(own) - len(found)]
+        row += [scores.mean if found else None, scores.standard_deviation]
+        if tests:
+            row += _tested(tests.get(number, ()))
+        rows.append([*row, record.parents[number], *(column[k] for column in columns.values())])
+    return names, rows
+
+
+def _tested(found: tuple[float, ...]) -> list[float | None]:
+    if not found:
+        return [None] * len(_OF_TESTS)
+    scores = Scores(found)
+    return [len(found), scores.mean, *(scores.confidence_interval or (None, None))]

@@ -44,6 +44,8 @@ seed = 3
 """
 WAITING = "#!/bin/sh\nif [ -e go ]; then echo 1; else sleep 600 & echo $! > child; wait; fi\n"
 SHORT = 'instances = "i"\nmaxExperiments = 60\nnbIterations = 1\ntargetRunnerRetries = 3\n'
+QUICK_TO_START = ["--method", "random"]
+"""irace's first configurations are a Sobol sequence, whose import takes long."""
 INTERRUPTED = signal.SIGINT, 130, "Interrupted."
 TERMINATED = signal.SIGTERM, 75, "Terminated."
 
@@ -203,7 +205,7 @@ class TestTune:
 
     def test_a_runner_in_python(self, mdesign, tmp_path):
         runner = f"#!{sys.executable}\nimport sys\nprint(abs(int(sys.argv[6]) - 7), 'x' and 0.5)\n"
-        folder = written(tmp_path / "p", runner, 'instances = "i"\nmaxExperiments = 60\nnbIterations = 1\n')
+        folder = written(tmp_path / "p", runner, 'instances = "i"\nmaxExperiments = 25\nnbIterations = 1\n')
         assert mdesign("tune", folder / "scenario.txt", "-o", tmp_path / "r")[0] == 0
         assert abs(pd.read_csv(tmp_path / "r" / "results.csv").x[0] - 7) < 4
 
@@ -358,7 +360,7 @@ class TestFailures:
         """A run may take hours: it is not waited for; nor is it noted as failed."""
         folder = written(tmp_path / "s", WAITING, SHORT)
         run = tmp_path / "r"
-        arguments = ["tune", folder / "scenario.txt", "-o", run, "--on-failure", "reject"]
+        arguments = ["tune", folder / "scenario.txt", "-o", run, "--on-failure", "reject", *QUICK_TO_START]
         if number == signal.SIGINT:  # a whole process ends as well
             with started(*MDESIGN, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
                 wait_until(lambda: child_of(folder))
@@ -378,7 +380,7 @@ class TestFailures:
         """That is told by a signal, perhaps twice; then there is nobody to tell anything."""
         folder = written(tmp_path / "s", WAITING, SHORT)
         terminal, end = os.openpty()
-        command = [*MDESIGN, "tune", folder / "scenario.txt", "-o", tmp_path / "r"]
+        command = [*MDESIGN, "tune", folder / "scenario.txt", "-o", tmp_path / "r", *QUICK_TO_START]
         with started(*command, stdin=end, stdout=end, stderr=end) as process:
             os.close(end)
             child = wait_until(lambda: child_of(folder))

@@ -29,7 +29,7 @@ print(before, len(announced), values[0], jit.is_cached(logistic), jit.cache_fold
 
 
 def run(cache, *more, **environment):
-    """Compile a kernel for a number, and for more; give what was so before, was announced, its value, and what is so."""
+    """Compile a kernel for numbers: was it cached, how often announced, the first value, is it cached, and where."""
     given = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "NUMBA_DISABLE_JIT": "0", **environment}
     script = SCRIPT.replace("ARGUMENTS", str([0.3, *more]))
     done = subprocess.run([sys.executable, "-c", script], env=given, capture_output=True, text=True, check=True)

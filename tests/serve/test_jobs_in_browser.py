@@ -101,14 +101,20 @@ def test_a_job_is_followed_to_its_end_and_replayed_meanwhile(page, live):
     assert is_clean(page, live)
 
 
-@pytest.mark.parametrize(("width", "dark"), [(1200, False), (375, False), (375, True)])
-def test_pages_fit(page, live, width, dark):
+@pytest.fixture(scope="module")
+def finished(live):
+    """A job that has raced."""
     job = live.submit("local")
     live.race(job)
+    return job
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1200, False), (375, False), (375, True)])
+def test_pages_fit(page, live, finished, width, dark):
     page.open(live.address, width=width, dark=dark)
     page.wait_for("document.querySelector('table.jobs')")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.open(f"{live.address}/jobs/{job}", width=width, dark=dark)
+    page.open(f"{live.address}/jobs/{finished}", width=width, dark=dark)
     page.wait_for("document.querySelector('#answer svg')")
     page.wait_for("document.querySelector('#about section')")
     assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.check_vectors import report
+from benchmarks.check_vectors import main, report
 from benchmarks.vectors import irace_parts, irace_races, irace_tests
 from benchmarks.vectors.checks import difference
 from benchmarks.vectors.formats import VectorError, replay
@@ -185,22 +185,23 @@ def test_numbers_agree_to_their_last_recorded_digit():
     assert difference(None, 0.0)
 
 
-def test_exit_codes_say_what_came_out(tmp_path):
+def test_exit_codes_say_what_came_out(tmp_path, monkeypatch, capsys):
     def run(*files):
-        command = [sys.executable, ROOT / "benchmarks" / "check_vectors.py", *files]
-        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+        monkeypatch.setattr(sys, "argv", ["check_vectors.py", *map(str, files)])
+        return main(), *capsys.readouterr()
 
     small, bad = tmp_path / "small.json", tmp_path / "bad.json"
     document = load("races")
     document["cases"] = document["cases"][:1]
     small.write_text(json.dumps(document))
-    done = run(small)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert re.search(r"\| all \| ([1-9]\d*) \| \1 \| 0 \|", done.stdout)
+    code, out, err = run(small)
+    assert (code, err) == (0, "")
+    assert re.search(r"\| all \| ([1-9]\d*) \| \1 \| 0 \|", out)
     bad.write_text(json.dumps(changed(document, ["cases", 0, "races", 1, "experiments_used"], 1)))
-    done = run(bad)
-    assert done.returncode == 1
-    assert "case 1, race 2: expected 1, found" in done.stdout
-    done = run(small, ROOT / "README.md")
+    code, out, _ = run(bad)
+    assert code == 1
+    assert "case 1, race 2: expected 1, found" in out
+    command = [sys.executable, ROOT / "benchmarks" / "check_vectors.py", small, ROOT / "README.md"]  # as a script
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 2
     assert "README.md: expected JSON" in done.stderr

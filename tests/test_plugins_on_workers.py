@@ -78,32 +78,24 @@ def scores(executor, function):
 
 
 class TestProcesses:
-    def test_an_edited_plugin_is_run_as_it_was(self, tmp_path):
-        """Also by the worker that takes the place of one that was killed."""
-        (tmp_path / "my.py").write_text(OBJECTIVE)
-        load_plugin(tmp_path / "my.py")
-        function = function_of()
-        with ProcessExecutor(1) as executor:
-            (process,) = in_order(executor, process_of, [0])
-            results = executor.run(function, ITEMS)
-            assert next(results)[1].score == 1.0
-            (tmp_path / "my.py").write_text(OBJECTIVE.replace("1.0", "1000.0"))
-            os.kill(process, signal.SIGKILL)
-            assert {one.score for _, one in results} == {1.0}
-            (tmp_path / "my.py").unlink()
-            assert scores(executor, function) == [1.0] * 4  # as tests of the winner, which are handed out anew
-
-    def test_what_it_imports_from_its_folder_too(self, tmp_path):
-        """And when it is imported after it was edited, here as well."""
+    def test_an_edited_plugin_is_run_as_it_was_with_what_it_imports(self, tmp_path):
+        """Also by the worker that takes the place of one that was killed; and here, when it is imported later."""
         (tmp_path / "my.py").write_text(WITH_HELPERS)
         (tmp_path / "parts").mkdir()
         (tmp_path / "parts" / "values.py").write_text("from .more import number\ndef value():\n    return number\n")
         (tmp_path / "parts" / "more.py").write_text("number = 7.0\n")
         load_plugin(tmp_path / "my.py")
         function = function_of()
-        (tmp_path / "parts" / "more.py").write_text("number = 1000.0\n")
         with ProcessExecutor(1) as executor:
-            assert scores(executor, function) == [7.0] * 4
+            (process,) = in_order(executor, process_of, [0])
+            results = executor.run(function, ITEMS)
+            assert next(results)[1].score == 7.0
+            (tmp_path / "my.py").write_text(OBJECTIVE)
+            (tmp_path / "parts" / "more.py").write_text("number = 1000.0\n")
+            os.kill(process, signal.SIGKILL)
+            assert {one.score for _, one in results} == {7.0}
+            (tmp_path / "my.py").unlink()
+            assert scores(executor, function) == [7.0] * 4  # as tests of the winner, which are handed out anew
         with ThreadExecutor(1) as executor:
             assert scores(executor, function) == [7.0] * 4
 

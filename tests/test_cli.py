@@ -31,6 +31,10 @@ from mercator_design.sim.simulate import Simulator
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
 QUICK = ["--set", "robots=2", "--set", "duration=3"]
+OUTPUTS = ["--help", "fsm show large.txt", "fsm show large.txt --format text"]
+"""Commands that start soon; what the second one prints is more than is kept."""
+TRANSITIONS = "".join(f" --n{{0}}x{k} {k % 3} --c{{0}}x{k} {c} --p{{0}}x{k} 0.5" for k, c in enumerate((0, 1, 2, 5)))
+LARGE = "--nstates 4" + "".join(f" --s{state} 1 --n{state} 4{TRANSITIONS.format(state)}" for state in range(4))
 W1 = "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1"
 
 
@@ -845,29 +849,32 @@ class TestMessages:
         assert "expected UTF-8 text" in err or "found a device" in err
 
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
-    @pytest.mark.parametrize("verb", ["--help", "schema", "robots list"])
-    def test_no_room_for_the_output(self, verb):
+    @pytest.mark.parametrize("verb", OUTPUTS)
+    def test_no_room_for_the_output(self, verb, tmp_path):
         with Path("/dev/full").open("wb") as full:
-            done = run_with_stdout(full, verb)
+            done = run_with_stdout(full, verb, tmp_path)
         assert (done.returncode, done.stderr) == (1, "Error: [Errno 28] No space left on device\n")
 
-    @pytest.mark.parametrize("verb", ["--help", "robots list", "schema"])
-    def test_the_reader_of_the_output_goes_away(self, verb):
+    @pytest.mark.parametrize("verb", OUTPUTS)
+    def test_the_reader_of_the_output_goes_away(self, verb, tmp_path):
         reader, writer = os.pipe()
         os.close(reader)
         with os.fdopen(writer, "wb") as stdout:
-            done = run_with_stdout(stdout, verb)
+            done = run_with_stdout(stdout, verb, tmp_path)
         assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
 
-    def test_no_output_at_all(self):
+    def test_no_output_at_all(self, fsm):
         script = "import sys; sys.stdout = None; from mercator_design.cli import main; main()"
-        command = [sys.executable, "-c", script, "robots", "list"]
+        command = [sys.executable, "-c", script, "fsm", "explain", fsm]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def run_with_stdout(stdout, verb):
+def run_with_stdout(stdout, verb, folder):
     """A command in a process of its own that keeps its output until it is full, as usual."""
+    (folder / "large.txt").write_text(LARGE)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *verb.split()]
-    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+    return subprocess.run(
+        command, cwd=folder, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment, check=False
+    )

@@ -179,8 +179,8 @@ def test_the_command_that_shows_a_failure_runs_the_evaluator_too(mdesign, folder
 
 def test_the_optuna_storage_has_the_scores_that_were_given_last(mdesign, folder, tmp_path):
     """Also those of before a race was resumed: into a storage of its own, it brings all of them again."""
-    run = tmp_path / "r"
-    assert mdesign("tune", folder / "scenario.txt", "-o", run, "--optuna", f"sqlite:///{tmp_path}/a.db")[0] == 0
+    run, few = tmp_path / "r", ("--max-experiments", 60)
+    assert mdesign("tune", folder / "scenario.txt", "-o", run, *few, "--optuna", f"sqlite:///{tmp_path}/a.db")[0] == 0
     record = read(run / JOURNAL).record
     assert record.revised
     assert mdesign("tune", "--resume", run, "--optuna", f"sqlite:///{tmp_path}/b.db")[0] == 0

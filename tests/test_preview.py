@@ -220,27 +220,38 @@ def test_any_shape_fits_with_metres_alike_along_both_axes(size):
     assert all(len(each) < 22 for each in ticks)  # half an inch or more from one to the next
 
 
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, labyrinth):
+    """Pictures of the instance of seed 1, by ending."""
+    folder = tmp_path_factory.mktemp("pictures")
+    found = {suffix: folder / f"a{suffix}" for suffix in (".PNG", ".svg")}
+    for file in found.values():
+        save_preview(file, labyrinth, seed=1)
+    assert sorted(folder.iterdir()) == sorted(found.values())
+    return found
+
+
 class TestFiles:
-    @pytest.mark.parametrize("suffix", [".png", ".svg"])
-    def test_the_same_to_the_last_byte_whatever_the_users_style(self, tmp_path, labyrinth, suffix):
-        save_preview(tmp_path / f"a{suffix}", labyrinth, seed=1)
+    @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
+    def test_the_same_to_the_last_byte_whatever_the_users_style(self, files, tmp_path, labyrinth, suffix):
         with mpl.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "text.usetex": True}):
             save_preview(tmp_path / f"b{suffix}", labyrinth, seed=1)
             assert mpl.rcParams["font.size"] == 20.0
-        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
-        save_preview(tmp_path / f"c{suffix}", labyrinth, seed=2)
-        assert (tmp_path / f"a{suffix}").read_bytes() != (tmp_path / f"c{suffix}").read_bytes()
-        assert sorted(file.name for file in tmp_path.iterdir()) == [f"a{suffix}", f"b{suffix}", f"c{suffix}"]
+        assert files[suffix].read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
-    def test_they_are_what_they_are_called(self, tmp_path, labyrinth):
-        save_preview(tmp_path / "a.PNG", labyrinth, seed=1)
-        with Image.open(tmp_path / "a.PNG") as picture:
+    @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
+    def test_another_instance_is_another_picture(self, files, tmp_path, labyrinth, suffix):
+        save_preview(tmp_path / f"c{suffix}", labyrinth, seed=2)
+        assert files[suffix].read_bytes() != (tmp_path / f"c{suffix}").read_bytes()
+
+    def test_they_are_what_they_are_called(self, files):
+        with Image.open(files[".PNG"]) as picture:
             assert picture.format == "PNG"
             assert picture.width == 736
             assert picture.getpixel((2, 2))[:3] == (255, 255, 255)
-        save_preview(tmp_path / "a.svg", labyrinth, seed=1)
-        assert ET.fromstring((tmp_path / "a.svg").read_text()).tag.endswith("svg")  # noqa: S314 - our own
-        assert "<dc:date>" not in (tmp_path / "a.svg").read_text()
+        text = files[".svg"].read_text()
+        assert ET.fromstring(text).tag.endswith("svg")  # noqa: S314 - our own
+        assert "<dc:date>" not in text
 
 
 class TestGallery:

@@ -126,7 +126,7 @@ def test_what_is_a_lack_of_memory():
 class TestWorkers:
     """An experiment without memory stops a race, also one that rejects configurations that fail."""
 
-    @pytest.mark.parametrize("executor", [ThreadExecutor(1), ThreadExecutor(2), ProcessExecutor(2)])
+    @pytest.mark.parametrize("executor", [ThreadExecutor(1), ThreadExecutor(2), ProcessExecutor(1)])
     def test_it_stops_the_race_which_can_be_resumed(self, executor):
         def greedy(item):
             if item[1] % 5 == 4:

@@ -62,8 +62,12 @@ ITEMS = [(STAY, seed) for seed in range(1, 5)]
 
 @pytest.fixture(autouse=True)
 def no_tests_on_workers(monkeypatch, registries):
-    """Kernels of tests, which a worker does not know, do not count; what a test loads is gone afterwards."""
+    """Kernels of tests, which a worker does not know, do not count; what a test loads is gone afterwards.
+
+    Experiments are so short that plain Python takes less time for them than to load compiled code.
+    """
     monkeypatch.setattr(jit, "compiling_began", lambda: False)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
 
 
 def function_of(*overrides):
@@ -99,8 +103,7 @@ class TestProcesses:
         with ThreadExecutor(1) as executor:
             assert scores(executor, function) == [7.0] * 4
 
-    def test_its_kernels_and_classes_too(self, tmp_path, monkeypatch):
-        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes long
+    def test_its_kernels_and_classes_too(self, tmp_path):
         (tmp_path / "my.py").write_text(DYNAMIC)
         load_plugin(tmp_path / "my.py")
         objective = "objective={name: constant, direction: maximise, bag: {least: 3}}"

@@ -487,11 +487,12 @@ class TestSignals:
         assert "stopped" in mdesign("runs", "show", folder)[1]
 
     @pytest.mark.timing
-    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
+    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path, monkeypatch):
         """All its processes get the signal, as of a scheduler, and none is left."""
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an experiment takes less time than to load compiled code
         folder = tmp_path / "r"
-        slow = ["race", "aggregation", "--budget", "120", "--set", "robots=20", "--set", "duration=60"]
-        command = [*MDESIGN, *slow, "--executor", "processes", "-j", "1", "-o", folder]
+        long = ["race", "aggregation", "--budget", "10000", "--set", "robots=2", "--set", "duration=3"]
+        command = [*MDESIGN, *long, "--executor", "processes", "-j", "1", "-o", folder]
         closed = ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh"]
         with started(*closed, *command, stdout=subprocess.PIPE, start_new_session=True) as process:
             try:
@@ -613,7 +614,8 @@ class TestLeaving:
         return options
 
     @pytest.mark.parametrize("executor", [("threads", 1), ("threads", 2), ("processes", 1)])
-    def test_it_stops_the_race(self, mdesign, leaving, tmp_path, executor):
+    def test_it_stops_the_race(self, mdesign, leaving, tmp_path, monkeypatch, executor):
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an experiment takes less time than to load compiled code
         name, jobs = executor
         race = ["race", "aggregation", "--budget", 60, *leaving("SystemExit(0)", -0.9), "-o", tmp_path / "r"]
         code, out, err = mdesign(*race, "--executor", name, "-j", jobs)

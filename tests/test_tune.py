@@ -462,6 +462,11 @@ def test_the_scenario_may_be_given_as_iraces_option(mdesign, folder, tmp_path):
 
 
 class TestExport:
+    @pytest.fixture(autouse=True)
+    def plain_python(self, monkeypatch):
+        """In which experiments as short as these take less time than to load compiled code."""
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+
     @pytest.fixture
     def exported(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))

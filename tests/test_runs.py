@@ -90,6 +90,12 @@ def undisturbed(tmp_path_factory, mdesign_once):
 
 
 @pytest.fixture
+def plain_python(undisturbed, monkeypatch):
+    """Lets processes run experiments as short as these in less time than they take to load compiled code."""
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+
+
+@pytest.fixture
 def folder(undisturbed, tmp_path):
     """A copy of it."""
     shutil.copytree(undisturbed, tmp_path / "r")
@@ -179,6 +185,7 @@ class TestResume:
         assert digest(folder) == digest(undisturbed)
 
     @pytest.mark.timing
+    @pytest.mark.usefixtures("plain_python")
     def test_by_dask(self, mdesign, folder, undisturbed, tmp_path):
         """By a scheduler and a worker as one starts them, found by their file."""
         pytest.importorskip("distributed")
@@ -487,9 +494,9 @@ class TestSignals:
         assert "stopped" in mdesign("runs", "show", folder)[1]
 
     @pytest.mark.timing
-    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path, monkeypatch):
+    @pytest.mark.usefixtures("plain_python")
+    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
         """All its processes get the signal, as of a scheduler, and none is left."""
-        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an experiment takes less time than to load compiled code
         folder = tmp_path / "r"
         long = ["race", "aggregation", "--budget", "10000", "--set", "robots=2", "--set", "duration=3"]
         command = [*MDESIGN, *long, "--executor", "processes", "-j", "1", "-o", folder]
@@ -525,6 +532,7 @@ class TestSignals:
         assert "no_such_name" in err
 
     @pytest.mark.timing
+    @pytest.mark.usefixtures("plain_python")
     def test_killed(self, mdesign, tmp_path, undisturbed):
         folder = tmp_path / "r"
         command = [*MDESIGN, *RACE, "-o", folder]
@@ -614,8 +622,8 @@ class TestLeaving:
         return options
 
     @pytest.mark.parametrize("executor", [("threads", 1), ("threads", 2), ("processes", 1)])
-    def test_it_stops_the_race(self, mdesign, leaving, tmp_path, monkeypatch, executor):
-        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an experiment takes less time than to load compiled code
+    @pytest.mark.usefixtures("plain_python")
+    def test_it_stops_the_race(self, mdesign, leaving, tmp_path, executor):
         name, jobs = executor
         race = ["race", "aggregation", "--budget", 60, *leaving("SystemExit(0)", -0.9), "-o", tmp_path / "r"]
         code, out, err = mdesign(*race, "--executor", name, "-j", jobs)

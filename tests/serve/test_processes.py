@@ -26,8 +26,9 @@ def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path,
 
 
 @pytest.mark.timing
-def test_a_cluster_runs_the_experiments(furnished, raced):
+def test_a_cluster_runs_the_experiments(furnished, raced, monkeypatch):
     """The race is that of one machine."""
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # experiments take less time than to load compiled code
     with local_cluster(1) as cluster:
         house = furnished(scheduler=cluster.scheduler_address)
         job = house.store.read(house.submit(set=("duration=2", "robots=2")))

@@ -93,6 +93,21 @@ def idle_races():
 
 
 @pytest.fixture(scope="module")
+def plain_races():
+    """Races run in plain Python: when they are short, that takes less time than to load compiled code."""
+    launch = Launcher.__call__
+
+    def launch_plain(launcher, job):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("NUMBA_DISABLE_JIT", "1")
+            return launch(launcher, job)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Launcher, "__call__", launch_plain)
+        yield
+
+
+@pytest.fixture(scope="module")
 def service(tmp_path_factory, idle_races):
     """A service without users, whose races do nothing; the tests of a module share it."""
     with Service(tmp_path_factory.mktemp("service") / "runs") as running:

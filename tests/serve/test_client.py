@@ -28,10 +28,9 @@ SMALL = ("--set", "duration=2", "--set", "robots=2", "--budget", "60")
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory):
-    """A service that runs races, so short that plain Python takes less time than to load compiled code."""
-    with pytest.MonkeyPatch.context() as patch, Service(tmp_path_factory.mktemp("live") / "runs") as running:
-        patch.setenv("NUMBA_DISABLE_JIT", "1")
+def service(tmp_path_factory, plain_races):
+    """A service that runs races."""
+    with Service(tmp_path_factory.mktemp("live") / "runs") as running:
         yield running
 
 

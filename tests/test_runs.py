@@ -90,8 +90,8 @@ def undisturbed(tmp_path_factory, mdesign_once):
 
 
 @pytest.fixture
-def plain_python(undisturbed, monkeypatch):
-    """Lets processes run experiments as short as these in less time than they take to load compiled code."""
+def plain_python(monkeypatch):
+    """Lets processes run a few short experiments in less time than they take to load compiled code."""
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
 
 
@@ -185,7 +185,6 @@ class TestResume:
         assert digest(folder) == digest(undisturbed)
 
     @pytest.mark.timing
-    @pytest.mark.usefixtures("plain_python")
     def test_by_dask(self, mdesign, folder, undisturbed, tmp_path):
         """By a scheduler and a worker as one starts them, found by their file."""
         pytest.importorskip("distributed")
@@ -532,10 +531,9 @@ class TestSignals:
         assert "no_such_name" in err
 
     @pytest.mark.timing
-    @pytest.mark.usefixtures("plain_python")
     def test_killed(self, mdesign, tmp_path, undisturbed):
         folder = tmp_path / "r"
-        command = [*MDESIGN, *RACE, "-o", folder]
+        command = ["env", "NUMBA_DISABLE_JIT=1", *MDESIGN, *RACE, "-o", folder]  # so that it begins soon
         with started(*command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
             wait_for_an_experiment(folder)
             process.kill()

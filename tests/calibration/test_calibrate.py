@@ -55,7 +55,7 @@ def only(*sensors):
 
 def test_every_sensor(calibrate, mdesign, tmp_path):
     days = {seed: f"2026-01-0{seed}T12:00:00+00:00" for seed in (1, 2)}
-    scenes = [write(tmp_path / f"{seed}.jsonl", measured(seed=seed), time=day) for seed, day in days.items()]
+    scenes = [write(tmp_path / f"{seed}.jsonl", measured(15.0, seed), time=day) for seed, day in days.items()]
     sensors, notes, err = calibrate(*scenes, "--plot", tmp_path / "noise.png", "--name", "ours")
     assert [*sensors] == [*MODEL]
     assert "left out" not in notes
@@ -240,7 +240,7 @@ def test_a_lidar_whose_angles_change_from_turn_to_turn(calibrate, tmp_path, monk
 
     monkeypatch.setattr(recordings, "turn", turn)
     given = {"lidar": recordings.gaussian(0.0005)}
-    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(60.0, noise=given, centres=only("lidar"))))
+    sensors, _, _ = calibrate(write(tmp_path / "still.jsonl", measured(30.0, noise=given, centres=only("lidar"))))
     assert sensors["lidar"]["distribution"] == "gaussian"
     assert sensors["lidar"]["parameter"] == pytest.approx(0.0005, rel=0.03)
 

@@ -56,7 +56,7 @@ OBJECTIVE = (
     "objective: {name: worth, direction: maximise, one: data/one, more: [data/two, data/one], "
     "by_name: {a: {file: data/three, weight: 100}}, last: data/four}\n"
 )
-QUICK = ("--set", "robots=2", "--set", "duration=2")
+QUICK = ("--set", "robots=2", "--set", "duration=0.2")
 
 
 @pytest.fixture
@@ -129,7 +129,7 @@ class TestContents:
 def test_a_run_folder_has_its_own_copies(mdesign, plugin, written, tmp_path):
     """The race goes on and is verified and measured by them, by threads and processes."""
     for folder, executor in (("a", "threads"), ("b", "processes")):
-        race = ("race", written(folder), "--plugin", plugin, *QUICK, "--budget", 60, "--executor", executor, "-j", 2)
+        race = ("race", written(folder), "--plugin", plugin, *QUICK, "--budget", 20, "--executor", executor, "-j", 2)
         assert mdesign(*race, "-o", tmp_path / folder / "r")[0] == 0
         shutil.rmtree(tmp_path / folder / "data")
     a, b = tmp_path / "a" / "r", tmp_path / "b" / "r"
@@ -138,14 +138,14 @@ def test_a_run_folder_has_its_own_copies(mdesign, plugin, written, tmp_path):
     assert {Path(path).name for path in copies} == {"one", "two", "three", "four"}
     assert load_mission(a / "mission.yaml").files.keys() == copies  # functions are given the same names
     shutil.move(a, tmp_path / "moved")
-    for verb in (("race", "--resume", tmp_path / "moved", "--budget", 80), ("runs", "verify", tmp_path / "moved")):
+    for verb in (("race", "--resume", tmp_path / "moved", "--budget", 24), ("runs", "verify", tmp_path / "moved")):
         assert mdesign(*verb)[0] == 0
     assert mdesign("evaluate", tmp_path / "moved" / "fsm.txt", "--plugin", plugin, "-n", 2)[0] == 0
     assert mdesign("export", "irace", b / "mission.yaml", "--plugin", plugin, "-o", tmp_path / "x")[0] == 0
     assert load_mission(tmp_path / "x" / "mission.yaml").digest == load_mission(b / "mission.yaml").digest
     (copy,) = (b / "files").glob("*/three")
     copy.write_text("4")
-    code, out, err = mdesign("race", "--resume", b, "--budget", 80)
+    code, out, err = mdesign("race", "--resume", b, "--budget", 24)
     assert (code, out) == (1, "")
     assert "mission_digest: raced with " in err
     code, out, err = mdesign("evaluate", b / "fsm.txt", "--plugin", plugin, "-n", 2)

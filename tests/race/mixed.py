@@ -31,9 +31,13 @@ def mixed_cost(configuration):
 @functools.cache  # the same experiments occur in many races
 def noise(seed, experiment):
     """Common to all on an instance, and each experiment's own."""
-    common = np.random.default_rng([seed, experiment.instance]).normal()
-    own = np.random.default_rng([seed, experiment.instance, experiment.configuration]).normal()
-    return common + 0.3 * own
+    return drawn(seed, experiment.instance) + 0.3 * drawn(seed, experiment.instance, experiment.configuration)
+
+
+@functools.cache
+def drawn(*key):
+    """A number of a normal distribution that belongs to a key."""
+    return np.random.default_rng(key).normal()
 
 
 def run(race, cost=mixed_cost, seed=0):

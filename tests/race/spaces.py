@@ -1,8 +1,10 @@
 """Spaces and configurations that several tests use."""
 
+import functools
+
 from numpy.random import Generator
 
-from mercator_design.race import Configuration, Space
+from mercator_design.race import Configuration, Space, parse_space
 from mercator_design.race.space.encoding import Encoding
 
 
@@ -12,7 +14,8 @@ def uniform(space: Space, n: int, draws: Generator) -> list[Configuration]:
     return [encoding.configuration(row) for row in encoding.settled(encoding.uniform(n, draws))]
 
 
-def machines_text() -> str:
+@functools.cache
+def machines() -> Space:
     """A grammar of finite-state machines with up to four states, in the way of AutoMoDe's: 149 parameters."""
     lines = ['NumStates "--nstates " i (1,4)']
     for i in range(4):
@@ -36,4 +39,4 @@ def machines_text() -> str:
                 f'WI{t} "--w{t} " r (0,20) | C{t} == 4',
                 f'L{t} "--l{t} " i (0,6) | C{t} == 6',
             ]
-    return "\n".join([*lines, "[global]", "digits = 2"])
+    return parse_space("\n".join([*lines, "[global]", "digits = 2"]))

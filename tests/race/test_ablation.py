@@ -9,7 +9,7 @@ import pytest
 from mercator_design.race import parse_space
 from mercator_design.race.analysis.ablation import Flips, ablate
 from tests.race.mixed import MIXED
-from tests.race.spaces import machines_text, uniform
+from tests.race.spaces import machines, uniform
 
 SPACE = parse_space("""
 x    "" r (0, 1)
@@ -102,7 +102,7 @@ def test_what_makes_no_difference():
     assert ablate(SPACE.key(START), flips.changes, measuring(flips, 1.0), 5)[1].p_value > 0.01
 
 
-@pytest.mark.parametrize("space", [MIXED, parse_space(machines_text())])
+@pytest.mark.parametrize("space", [MIXED, machines()])
 def test_every_path_is_of_valid_configurations_and_ends(space):
     """Between random configurations, whatever is conditional or dependent in between."""
     draws = np.random.default_rng(1)

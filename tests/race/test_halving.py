@@ -15,12 +15,11 @@ from mercator_design.race import (
     categorical,
     integer,
     ordered,
-    parse_space,
     real,
 )
 from mercator_design.race.methods.table import METHODS
 from tests.race.mixed import MIXED, mixed_cost, noise, run
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 from tests.race.test_structure import SPACE as OF_PAIRS
 from tests.race.test_structure import Pairs
 
@@ -30,7 +29,7 @@ SPACES = {
     "numbers": Space([real("x", 0, 1), integer("n", 1, 50)]),
     "mixed": MIXED,
     "pairs": Space(OF_PAIRS, structure=Pairs(n_simple=4)),
-    "machines": parse_space(machines_text()),
+    "machines": machines(),
     "two": Space([categorical("a", [1, 2])]),
     "three": Space([categorical("a", [1, 2, 3])]),
     "nine": Space([ordered("a", [1, 2, 3]), integer("b", 1, 3)]),

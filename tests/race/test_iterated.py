@@ -18,14 +18,13 @@ from mercator_design.race import (
     Space,
     categorical,
     integer,
-    parse_space,
     real,
 )
 from mercator_design.race.candidates.model import SamplingModel
 from mercator_design.race.methods import iterated
 from mercator_design.race.racing.budget import minimum_budget, n_iterations
 from tests.race.mixed import MIXED, mixed_cost, noise, run
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
 
 def test_it_finds_nearly_the_optimum():
@@ -351,14 +350,14 @@ def test_no_budget_is_exceeded(d, kind):
 @pytest.mark.parametrize(("budget", "iterations"), [(60, 1), (100, 1), (1000, 7), (1350, 9)])
 def test_a_budget_that_is_too_small_for_all_iterations_is_told(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
-    race = IteratedRace(parse_space(machines_text()), budget=budget, seed=1)
+    race = IteratedRace(machines(), budget=budget, seed=1)
     assert race.progress.iterations == iterations
     assert len(race.notes) == (iterations < 9)
 
 
 @pytest.mark.parametrize("budget", [60, 100, 1000])
 def test_a_large_grammar_is_raced_with_a_small_budget(budget):
-    space = parse_space(machines_text())
+    space = machines()
     race = IteratedRace(space, budget=budget, seed=1)
     run(race, cost=lambda c: abs(c["NumStates"] - 3) + (c["S0"] != "2"))
     assert race.used <= budget

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, parse_space
+from mercator_design.race import IteratedRace, RaceOptions, Space, categorical
 from tests.race.mixed import MIXED, run
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
 
 def test_a_space_with_one_allowed_configuration_is_refused():
@@ -114,7 +114,7 @@ def test_an_option_out_of_range_is_refused(options, message):
 
 def test_a_budget_below_one_iteration_is_refused():
     with pytest.raises(RaceError, match=r"expected at least 60 experiments .* found 59"):
-        IteratedRace(parse_space(machines_text()), budget=59, seed=1)
+        IteratedRace(machines(), budget=59, seed=1)
 
 
 def test_fewer_configurations_than_survive_are_refused():

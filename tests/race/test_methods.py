@@ -9,7 +9,7 @@ import pytest
 
 from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
+from mercator_design.race import Space, categorical, integer, ordered, real
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.executors import ProcessExecutor
 from mercator_design.race.running.journal import Journal
@@ -17,7 +17,7 @@ from mercator_design.race.running.record import Record
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.racing import SPACE, measure, runner
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
 
 def race_of(method, space=MIXED, budget=300, seed=1):
@@ -74,7 +74,7 @@ class TestConformance:
         assert told[0] == told[1] != told[2]
 
     def test_configurations_are_valid_and_have_parents(self, method):
-        race = race_of(method, parse_space(machines_text()), budget=150)
+        race = race_of(method, machines(), budget=150)
         run(race, cost=len)
         for configuration in race.configurations:
             race.space.check(configuration)

@@ -7,9 +7,9 @@ from mercator_design.race import Space, categorical, integer, parse_space, real
 from mercator_design.race.candidates.moves import Moves
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
-MACHINES = parse_space(machines_text())
+MACHINES = machines()
 DEPENDENT = parse_space('n "" i (1, 9)\nm "" i (1, "n")\nx "" r (0, "n / 2") | n > 3')
 
 

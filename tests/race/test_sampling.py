@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
+from mercator_design.race import Space, categorical, integer, ordered, real
 from mercator_design.race.candidates.model import SamplingModel
 from mercator_design.race.candidates.sampling import (
     even_sample,
@@ -15,7 +15,7 @@ from mercator_design.race.candidates.sampling import (
     truncated_normal,
     truncated_normal_value,
 )
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
 
 def nothing(_):
@@ -65,17 +65,12 @@ def test_parents_are_drawn_by_rank():
     assert [parents.count(p) / 6000 for p in (9, 5, 2)] == pytest.approx([1 / 2, 1 / 3, 1 / 6], abs=0.03)
 
 
-@pytest.fixture(scope="module")
-def machines():
-    return parse_space(machines_text())
-
-
-def test_all_sampled_machines_are_valid(machines):
+def test_all_sampled_machines_are_valid():
     """From the Sobol sequence and through four generations of the model, with soft restarts."""
-    generator = np.random.default_rng(5)
-    configurations = even_sample(machines, 200, generator, nothing, sobol_sequence)
-    assert len({machines.key(c) for c in configurations}) == 200
-    model = SamplingModel(machines)
+    space, generator = machines(), np.random.default_rng(5)
+    configurations = even_sample(space, 200, generator, nothing, sobol_sequence)
+    assert len({space.key(c) for c in configurations}) == 200
+    model = SamplingModel(space)
     ranked = list(range(9))
     model.initialise(dict(enumerate(configurations[:9])))
     for iteration in (2, 3, 4, 5):
@@ -88,7 +83,7 @@ def test_all_sampled_machines_are_valid(machines):
         model.restart(list(elites)[:2], 100)
         ranked = list(elites)
     for c in configurations:
-        machines.check(c)
+        space.check(c)
         for state in range(int(c["NumStates"]), 4):
             assert f"S{state}" not in c
     assert {c["NumStates"] for c in configurations[:200]} == {1, 2, 3, 4}

@@ -5,7 +5,7 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Parameter, Space, categorical, integer, ordered, parse_space, real
-from tests.race.spaces import machines_text
+from tests.race.spaces import machines
 
 PARAMETERS = [
     categorical("c1", ["a", "b", "c", "d"]),
@@ -28,7 +28,7 @@ def test_position_undoes_quantile(parameter):
 
 
 def test_a_grammar_of_machines_is_read():
-    space = parse_space(machines_text())
+    space = machines()
     assert (len(space.parameters), space.n_variable, max(space.levels.values())) == (149, 149, 4)
     assert space["P3x3"].digits == 2
     small = {"NumStates": 1, "S0": "1"}

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from mercator_design.race import Space, categorical, integer, parse_space, real
+from mercator_design.race import Space, categorical, integer, real
 from mercator_design.race.candidates.surrogate import Features, Surrogate
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED, mixed_cost
-from tests.race.spaces import machines_text, uniform
+from tests.race.spaces import machines, uniform
 
 
 def features_of(space, configurations):
@@ -130,7 +130,7 @@ def test_last_bits_of_costs_decide_nothing():
 
 def test_distances_are_of_vectors_so_that_covariances_are_valid():
     """Conditional parameters included: no eigenvalue is negative but by rounding."""
-    space = parse_space(machines_text())
+    space = machines()
     features, rows = features_of(space, uniform(space, 60, np.random.default_rng(4)))
     surrogate = Surrogate(features)
     surrogate.fit(rows, standardised(np.arange(60.0)), np.full(60, 0.1))

@@ -1,5 +1,6 @@
 """Random valid missions, robots and PFSMs: nothing crashes, gets lost, leaves the arena, or moves by itself."""
 
+import functools
 import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -56,10 +57,16 @@ from mercator_design.sim.simulate import Simulator
 
 pytestmark = pytest.mark.together("referee")  # compiled once
 
-ROBOTS = [load_robot_model(name) for name in shipped.robot_models()]
-PFSMS = {flavour: parse_space(parameters_text(flavour), flavour) for flavour in FLAVOURS}
 PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")
 MANY = 100_000
+
+shipped_robot = functools.cache(load_robot_model)
+
+
+@functools.cache
+def pfsms(flavour):
+    """The space of all PFSMs of a flavour."""
+    return parse_space(parameters_text(flavour), flavour)
 
 
 def check(seed):
@@ -386,13 +393,13 @@ def random_placement(draw, reach, robots):
 
 def random_pfsm(draw, model):
     flavour = "watermelon" if model.light is None else one_of(draw, FLAVOURS)
-    configuration = PFSMS[flavour].build(lambda parameter, bounds: parameter.quantile(draw.random(), bounds))
+    configuration = pfsms(flavour).build(lambda parameter, bounds: parameter.quantile(draw.random(), bounds))
     return to_pfsm(configuration, flavour)
 
 
 def random_robot(draw):
     """A shipped robot, each part of which is perhaps another."""
-    model = one_of(draw, ROBOTS)
+    model = shipped_robot(one_of(draw, tuple(shipped.robot_models())))
     for change in CHANGES:
         if draw.random() < 0.3:
             model = replace(model, **change(draw, model))

@@ -1,5 +1,7 @@
 """The benchmark of a race's throughput: simulated workers, and the time in compiled loops."""
 
+from functools import partial
+
 from benchmarks import race_throughput
 from benchmarks.race_throughput import TimedExecutor, free_share, measure, simulate_workers
 from benchmarks.virtual_workers import Drawn, VirtualExecutor
@@ -68,6 +70,8 @@ def test_simulated_workers_are_printed(capsys):
 
 def test_compiled_loops_are_timed(monkeypatch, capsys):
     monkeypatch.setattr(simulate, "compiled", simulate.compiled)
+    monkeypatch.setattr(race_throughput, "SMALL", 20)
+    monkeypatch.setattr(race_throughput, "free_share", partial(free_share, seconds=0.02))
     found = measure("aggregation", "random", "threads", 1, 30)
     assert len(found.durations) == 30
     assert all(seconds > 0 for seconds in found.durations)

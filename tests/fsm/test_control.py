@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.fsm import Controller, Readings, Wheels, parse
-from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm.control import DRAWS, MEMORY, STATE, control_cycle
+from mercator_design.fsm.reference import ReferenceModel
 from tests.fsm.strategies import DRAW, READINGS, pfsms
 
 NEVER = [0.999999] * DRAWS  # fires nothing below probability one
@@ -72,15 +73,15 @@ def test_transitions_are_tested_in_random_order(probabilities):
     10 000 visits; a share is a mean of independent draws with standard error at most 0.005, so a deviation beyond
     0.03 (six of them) has a chance below 1e-8 for each of the 16 shares (Hoeffding's bound: 3e-8).
     """
-    pfsm = parse(FOUR.format(*probabilities))
+    model, program, readings = ReferenceModel(), parse(FOUR.format(*probabilities)).program(), Readings()
     generator = random.Random(7)
     visits = 10_000
     counts = Counter()
     for _ in range(visits):
-        controller = Controller(pfsm)
-        controller.step(Readings(), NEVER)
-        controller.step(Readings(), [generator.random() for _ in range(DRAWS)])
-        counts[controller.state] += 1
+        memory = [0.0] * MEMORY
+        control_cycle(model, program, readings, memory, NEVER)
+        control_cycle(model, program, readings, memory, [generator.random() for _ in range(DRAWS)])
+        counts[int(memory[STATE])] += 1
     expected = _shares(probabilities, targets=(1, 2, 3, 1))
     for state in range(4):
         assert counts[state] / visits == pytest.approx(expected[state], abs=0.03)

@@ -37,7 +37,7 @@ def decoded(path):
 
 
 def test_mp4(shown, tmp_path):
-    film = Film([shown], tmp_path / "film.mp4", speed=12.0, caption=CAPTION)
+    film = Film([shown], tmp_path / "film.mp4", speed=24.0, caption=CAPTION)
     seen = []
     film.write(seen.append)
     images = decoded(tmp_path / "film.mp4")
@@ -50,7 +50,7 @@ def test_mp4(shown, tmp_path):
 
 
 def test_gif(cleaning, tmp_path):
-    film = Film([cleaning], tmp_path / "film.gif", speed=16.0, caption=CAPTION)
+    film = Film([cleaning], tmp_path / "film.gif", speed=48.0, caption=CAPTION)
     film.write()
     with Image.open(tmp_path / "film.gif") as image:
         assert image.n_frames == len(film.times) > 2
@@ -58,7 +58,7 @@ def test_gif(cleaning, tmp_path):
 
 
 def test_nothing_is_left_of_a_film_that_fails(shown, tmp_path):
-    film = Film([shown], tmp_path / "film.mp4", speed=12.0, caption=CAPTION)
+    film = Film([shown], tmp_path / "film.mp4", speed=24.0, caption=CAPTION)
 
     def fail(done):
         if done == 3:
@@ -77,7 +77,7 @@ def test_mp4_that_ffmpeg_cannot_write(shown, tmp_path, monkeypatch):
     program.chmod(0o755)
     monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: str(program))
     with pytest.raises(OSError, match="ffmpeg: No space left on device"):
-        Film([shown], path, speed=12.0, caption=CAPTION).write()
+        Film([shown], path, speed=24.0, caption=CAPTION).write()
     assert path.read_bytes() == b"the film before"
     assert {one.name for one in tmp_path.iterdir()} == {"film.mp4", "ffmpeg"}
 
@@ -92,7 +92,7 @@ def test_words_of_others_in_pictures(shown, tmp_path):
 def test_mp4_without_its_package(shown, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with pytest.raises(MercatorError, match="need the package imageio-ffmpeg"):
-        Film([shown], tmp_path / "film.mp4", speed=12.0, caption=CAPTION)
+        Film([shown], tmp_path / "film.mp4", speed=24.0, caption=CAPTION)
 
 
 def test_picture(shown, tmp_path):

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
-from mercator_design.race.candidates.sampling import Floats, truncated_normal, truncated_normal_value
+from mercator_design.race.candidates.sampling import truncated_normal, truncated_normal_value
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from mercator_design.race.space.encoding import Encoding, Floats
+from mercator_design.arrays import Floats
+from mercator_design.race.space.encoding import Encoding
 
 _MORE_CHANGES = 0.5
 """One parameter changes, and a Poisson number of others with this mean."""

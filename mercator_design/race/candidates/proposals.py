@@ -16,11 +16,12 @@ import numpy as np
 from numpy.random import Generator
 from threadpoolctl import ThreadpoolController
 
+from mercator_design.arrays import Floats
 from mercator_design.race.candidates.moves import Moves
 from mercator_design.race.candidates.surrogate import Features, Surrogate
 from mercator_design.race.racing.additive_model import effects, table
 from mercator_design.race.racing.history import RaceHistory
-from mercator_design.race.space.encoding import Encoding, Floats
+from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space, Structure
 

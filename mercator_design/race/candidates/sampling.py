@@ -10,13 +10,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import scipy
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
 from mercator_design.race.space.parameter import Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
 
-Floats = NDArray[np.float64]
 Points = Callable[[int, int, Generator], Floats]
 """A function of the number of points, the number of dimensions and a generator."""
 

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from mercator_design.race.space.encoding import Encoding, Floats
+from mercator_design.arrays import Floats
+from mercator_design.race.space.encoding import Encoding
 
 _MAX_ADAPTED = 100
 """Weights and variance are adapted to so many configurations at most: the time grows with the cube of their number."""

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from mercator_design.arrays import Floats
 
 _PASSES = 30
 """Rounds of the fit of effects of configurations and instances."""

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from mercator_design.errors import RaceError
 from mercator_design.race.racing.statistics import Concordance, TestName, concordance, eliminate, overall_ranks
 
-Floats = NDArray[np.float64]
-
 ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
 
 

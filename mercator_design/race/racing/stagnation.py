@@ -11,12 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import IterationSummary
-
-Floats = NDArray[np.float64]
 
 MIN_ITERATIONS = 3
 """Minimum number of iterations without a gain before a note is written."""

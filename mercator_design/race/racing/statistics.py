@@ -16,10 +16,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+
+from mercator_design.arrays import Flags, Floats
 
 TestName = Literal["friedman", "t-test", "t-test-holm", "t-test-bonferroni"]
-Floats = NDArray[np.float64]
 
 _EXACT_BELOW = 50
 """R approximates the distribution of Wilcoxon's statistic from this number of differences on."""
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
     p_value: NaN where nothing could be compared, 0 where no test was needed.
     """
 
-    survivors: NDArray[np.bool_]
+    survivors: Flags
     ranks: Floats
     best: int
     p_value: float

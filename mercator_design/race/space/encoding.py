@@ -11,10 +11,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
 from mercator_design.race.space.space import Space
-
-Floats = NDArray[np.float64]
 
 _MAX_LISTED = 10_000
 """What follows from the values of other parameters is kept if there are at most so many combinations of these."""

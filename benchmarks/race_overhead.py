@@ -32,7 +32,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
 from mercator_design.race.candidates.newcomers import Newcomers
 from mercator_design.race.candidates.proposals import Proposer
-from mercator_design.race.methods import confirmation, halving
+from mercator_design.race.methods import halving
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.dask_executor import DaskExecutor
 from mercator_design.race.running.events import Measurement
@@ -93,7 +93,7 @@ def overhead(budget: int) -> None:
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "surrogate": [(Proposer, "propose")],
     "first generation": [(Newcomers, "first")],
-    "expectation": [(halving, "by_expectation"), (confirmation, "by_expectation")],
+    "expectation": [(halving, "by_expectation")],
     "journal": [(Journal, "note")],
 }
 """The functions of each part; none calls another one."""

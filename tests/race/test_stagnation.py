@@ -10,7 +10,6 @@ from scipy.stats import ttest_ind
 
 from mercator_design.race import Halving, IteratedRace, parse_space
 from mercator_design.race.racing.stagnation import MIN_ITERATIONS, agreement, is_better, judged
-from mercator_design.race.racing.statistics import Concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary
 from mercator_design.race.running.events import IterationEnded
 from mercator_design.race.running.journal import read
@@ -156,7 +155,7 @@ def iteration(number, best):
     elite = Elite(configuration=best, mean=0.0, sd=0.0, n_results=2)
     return IterationSummary(
         iteration=number, postselection=False, budget=100, used=100, n_configurations=2, n_new=2, n_instances=2,
-        n_alive=1, elites=(elite,), soft_restart=False, stop_reason="", concordance=Concordance(0, 0, 0),
+        n_alive=1, elites=(elite,), soft_restart=False, stop_reason="",
     )  # fmt: skip
 
 

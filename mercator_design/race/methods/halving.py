@@ -9,7 +9,7 @@ expected costs (additive_model.py).
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,16 +17,16 @@ import numpy as np
 
 from mercator_design.errors import RaceError
 from mercator_design.race.candidates.newcomers import Child, Newcomers
-from mercator_design.race.methods.confirmation import MAX_FINALISTS, by_expectation, confirm
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.racing.additive_model import table
+from mercator_design.race.racing.additive_model import expected, table
+from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
-from mercator_design.race.racing.statistics import concordance
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
 from mercator_design.race.space.parameter import Value
 from mercator_design.race.space.space import Space
 
 MIN_BUDGET = 20
+_MAX_FINALISTS = 8
 _MAX_FIRST = 10_000
 _MAX_LATER = 1000
 """Maximum numbers of newcomers in a generation, for any budget."""
@@ -73,6 +73,16 @@ class HalvingOptions:
                 f"race option first: expected at most {1 - self.confirmation:g}, so that the confirmation has its "
                 f"part, found {self.first}"
             )
+
+
+def by_expectation(history: RaceHistory, numbers: Sequence[int]) -> list[int]:
+    """Sort configurations by expected mean cost, the best first; drop those that were rejected or have not run."""
+    accepted = [number for number in numbers if history.costs[number] and not history.is_rejected(number)]
+    if not accepted:
+        return []
+    costs = table([history.costs[number] for number in accepted])
+    order = np.argsort(expected(costs[:, ~np.isnan(costs).all(axis=0)]), kind="stable")
+    return [accepted[k] for k in order]
 
 
 class _Rung(NamedTuple):
@@ -128,7 +138,7 @@ class Halving(Optimizer):
     @property
     def progress(self) -> Progress:
         return Progress(
-            iteration=self._iteration,
+            iteration=self.iteration,
             iterations=self._n_iterations,
             alive=len(self._alive) or len(self.elites),
             used=self.used,
@@ -157,19 +167,19 @@ class Halving(Optimizer):
             yield from self._generation([], self.history.add(children))
         while n := self._n_affordable(size, left := self.budget - self.used - reserved):
             elites = [elite.configuration for elite in self.elites]
-            self._iteration += 1
-            self._n_iterations = self._iteration + max(left // self._n_experiments(len(elites) + size) - 1, 0)
+            self.iteration += 1
+            self._n_iterations = self.iteration + max(left // self._n_experiments(len(elites) + size) - 1, 0)
             children = self._newcomers.later(n, elites, surrogate=self.options.surrogate, generator=self._generator)
             n = self._n_affordable(len(children), left)  # fewer may take more experiments, as instances are whole
             if n == 0:
-                self._iteration -= 1  # nothing has run in this one
+                self.iteration -= 1  # nothing has run in this one
                 self.stop_reason = _NO_BUDGET if children else "no configuration was found that has not run"
                 break
             children = children[:n]
             yield from self._generation(elites, self.history.add(children))
         else:
             self.stop_reason = _NO_BUDGET
-        self._n_iterations = self._iteration
+        self._n_iterations = self.iteration
         yield from self._confirm()
 
     def _first_children(self, max_experiments: int) -> list[Child]:
@@ -177,7 +187,7 @@ class Halving(Optimizer):
         n = self._n_first(n, max_experiments)
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
-        self._iteration = 1
+        self.iteration = 1
         children = self._newcomers.first(n, self._initial, simple=self.options.simple, generator=self._generator)
         if len(children) < 2:
             raise RaceError("space: expected several different configurations to be allowed, found one")
@@ -190,19 +200,13 @@ class Halving(Optimizer):
         n = len(self._alive)
         for rung, after in pairwise(self._rungs(n)):
             self._next = after
-            instances = range(self._n_seen, self._n_seen + rung.n_instances)
-            self._n_seen = instances.stop
-            yield [Experiment(number, instance) for instance in instances for number in self._alive]
-            ranked = by_expectation(self.history, self._alive)
-            ranked = ranked or by_expectation(self.history, range(len(self.configurations)))
-            if not ranked:
-                raise RaceError(ALL_REJECTED)
+            yield self._on_new_instances(self._alive, rung.n_instances)
+            ranked = by_expectation(self.history, self._alive) or self._all_ranked()
             self._alive = ranked[: after.n]
             self._best = self.history.statistics(ranked[0])
         survivors, self._alive, self._best = self._alive, [], None
-        costs = table([self.history.costs[number] for number in survivors])[:, first:]
         summary = IterationSummary(
-            iteration=self._iteration,
+            iteration=self.iteration,
             budget=self._n_experiments(n),
             used=self.used - before,
             n_configurations=n,
@@ -211,7 +215,6 @@ class Halving(Optimizer):
             n_alive=len(survivors),
             stop_reason=f"{len(survivors)} are left",
             survivors=tuple(survivors),
-            concordance=concordance(costs[~np.isnan(costs).any(axis=1)].T),
         )
         # Those that ran twice were selected by their first result: a test finds little, except that all cost the same.
         different = {cost for number in newcomers for cost in self.history.costs[number].values()}
@@ -219,30 +222,46 @@ class Halving(Optimizer):
         self._end_iteration(summary, survivors, twice if len(different) == 1 else [])
 
     def _confirm(self) -> Batches:
-        """Compare the best elites of all generations on new instances, with the rest of the budget."""
+        """Spend the rest of the budget on the best elites of all generations: a lucky one loses on new instances.
+
+        All experiments of one halving are one batch.
+        """
         order = by_expectation(self.history, self.history.former_elites)
         if len(order) < 2:  # of a space of two configurations, or if almost all elites were rejected
-            order = by_expectation(self.history, range(len(self.configurations)))
-        n_finalists = min(len(order), MAX_FINALISTS, self.budget - self.used)
+            order = self._all_ranked()
+        n_finalists = n_alive = min(len(order), _MAX_FINALISTS, self.budget - self.used)
         if n_finalists < 2:
             return
-        self._iteration += 1
-        summary, order = yield from confirm(
-            self.history,
-            order,
-            n_finalists,
-            iteration=self._iteration,
-            budget=self.budget,
-            n_seen=self._n_seen,
+        self.iteration += 1
+        first, before = self._n_seen, self.used
+        while n_alive > 1 and (left := self.budget - self.used) > 1:
+            alive = order[: min(n_alive, left)]
+            yield self._on_new_instances(alive, max(left // (len(alive) * math.ceil(math.log2(len(alive)))), 1))
+            order = by_expectation(self.history, alive) + order[len(alive) :] or self._all_ranked()
+            n_alive = min(math.ceil(len(alive) / 2), len(order))
+        summary = IterationSummary(
+            iteration=self.iteration,
+            postselection=True,
+            budget=self.budget - before,
+            used=self.used - before,
+            n_configurations=n_finalists,
+            n_instances=self._n_seen - first,
+            n_alive=n_alive,
+            stop_reason="one is left" if n_alive == 1 else "the whole budget is used",
+            survivors=tuple(order[:n_alive]),
         )
-        self._n_seen += summary.n_instances
-        self._end_iteration(summary, order, [])
+        self._end_iteration(summary, order[: self.options.elites], [])
 
-    def _end_iteration(self, summary: IterationSummary, order: Sequence[int], newcomers: Sequence[int]) -> None:
-        """Make the first configurations the elites, and keep the summary."""
-        history = self.history
-        history.elites = [history.statistics(number) for number in order[: self.options.elites]]
-        history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)
+    def _on_new_instances(self, numbers: Sequence[int], n_instances: int) -> list[Experiment]:
+        first, self._n_seen = self._n_seen, self._n_seen + n_instances
+        return [Experiment(number, instance) for instance in range(first, self._n_seen) for number in numbers]
+
+    def _all_ranked(self) -> list[int]:
+        """All configurations that are accepted, the best first; for when those in question were rejected."""
+        ranked = by_expectation(self.history, range(len(self.configurations)))
+        if not ranked:
+            raise RaceError(ALL_REJECTED)
+        return ranked
 
     @property
     def _size(self) -> int:

@@ -5,7 +5,6 @@ Unlike in irace, the budget is never exceeded: an elimination race that would ex
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from mercator_design.errors import RaceError
 from mercator_design.race.candidates.model import SamplingModel
@@ -70,7 +69,7 @@ class IteratedRace(Optimizer):
             leader = self._race.ranked()[0]
             best = self.history.statistics(leader) if self.history.costs[leader] else best
         return Progress(
-            iteration=self._iteration,
+            iteration=self.iteration,
             iterations=self._planner.n_iterations,
             alive=len(self.elites) if self._race is None else len(self._race.alive),
             used=self.used,
@@ -107,25 +106,25 @@ class IteratedRace(Optimizer):
             RaceError: The race has not ended yet, or the budget is no larger.
         """
         super().extend(budget)
-        self._planner.extend(self._left, self._iteration)
+        self._planner.extend(self._left, self.iteration)
         self._model.initialise(self.history.elite_configurations)
 
     def _run(self) -> Batches:
         while not isinstance(planned := self._next(), str):
-            self._iteration = planned.number
-            self._planner.n_iterations = max(self._planner.n_iterations, self._iteration)
+            self.iteration = planned.number
+            self._planner.n_iterations = max(self._planner.n_iterations, self.iteration)
             run = self._later_race if self.elites else self._first_race
             yield from run(planned.budget, planned.n_configurations)
         if not self.iterations:
             raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
         self.stop_reason = planned
-        self._planner.n_iterations = self._iteration
+        self._planner.n_iterations = self.iteration
         if self.options.elitist and self.options.postselection:
             yield from self._postselect()
 
     def _next(self) -> IterationPlan | str:
         """Plan the next iteration, or return why there is none."""
-        return self._planner.next(self._iteration + 1, left=self._left, n_elites=len(self.elites), n_seen=self._n_seen)
+        return self._planner.next(self.iteration + 1, left=self._left, n_elites=len(self.elites), n_seen=self._n_seen)
 
     def _first_race(self, budget: int, n: int) -> Batches:
         initial = self._initial[:n]
@@ -162,7 +161,7 @@ class IteratedRace(Optimizer):
             self.history.elite_configurations,
             {elite: parent for elite in elites if (parent := self.parents[elite]) is not None},
             n_new=n_new,
-            iteration=self._planner.age(self._iteration),
+            iteration=self._planner.age(self.iteration),
             iterations=self._planner.age(self._planner.n_iterations),
         )
         generator = self._generator("sampling")
@@ -224,7 +223,7 @@ class IteratedRace(Optimizer):
         candidates = sorted(select_candidates(needs, remaining, each_test))
         if not candidates:
             return
-        self._iteration += 1
+        self.iteration += 1
         race = EliminationRace(
             candidates,
             earlier={c: self.history.costs[c] for c in candidates},
@@ -257,7 +256,7 @@ class IteratedRace(Optimizer):
         survivors = race.ranked()
         self._race = None
         summary = IterationSummary(
-            iteration=self._iteration,
+            iteration=self.iteration,
             postselection=postselection,
             budget=budget,
             used=race.used,
@@ -268,12 +267,6 @@ class IteratedRace(Optimizer):
             soft_restart=soft_restart,
             stop_reason=race.stop_reason or "",
             survivors=tuple(survivors),
-            concordance=race.concordance(),
         )
-        self._end_iteration(summary, self.history.different(survivors), newcomers)
-
-    def _end_iteration(self, summary: IterationSummary, order: Sequence[int], newcomers: Sequence[int]) -> None:
-        """Make the first configurations the elites, and keep the summary."""
-        history = self.history
-        history.elites = [history.statistics(number) for number in order[: self._planner.survivors]]
-        history.conclude(replace(summary, elites=tuple(history.elites)), newcomers, self.budget)
+        elites = self.history.different(survivors)[: self._planner.survivors]
+        self._end_iteration(summary, elites, newcomers)

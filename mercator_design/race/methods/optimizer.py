@@ -36,6 +36,7 @@ class Optimizer(ABC):
         options: The method's options.
         history: Configurations, costs and elites.
         notes: Notes for the user, for example on a reduced plan.
+        iteration: The current one, from 1; 0 before the first `ask`.
         stop_reason: Why there are no more iterations; None while there may be.
 
     Raises:
@@ -53,7 +54,7 @@ class Optimizer(ABC):
         self.history = RaceHistory(space)
         self.notes: list[str] = []
         self.stop_reason: str | None = None
-        self._iteration = 0
+        self.iteration = 0
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
         self._error: RaceError | None = None
@@ -112,11 +113,6 @@ class Optimizer(ABC):
     def used(self) -> int:
         """Experiments whose costs are known."""
         return self.history.n_told
-
-    @property
-    def iteration(self) -> int:
-        """The current iteration, from 1; 0 before the first `ask`."""
-        return self._iteration
 
     @property
     def best(self) -> Elite:
@@ -182,6 +178,11 @@ class Optimizer(ABC):
             self._batch, self._error = None, error
             raise
 
+    def _end_iteration(self, summary: IterationSummary, elites: Sequence[int], newcomers: Sequence[int]) -> None:
+        """Make configurations the elites, and keep the summary."""
+        self.history.elites = [self.history.statistics(number) for number in elites]
+        self.history.conclude(summary, newcomers, self.budget)
+
     def _checked(self, initial: Sequence[Mapping[str, Value]]) -> list[Configuration]:
         """The initial configurations.
 
@@ -201,7 +202,7 @@ class Optimizer(ABC):
         return list(found.values())
 
     def _generator(self, purpose: str) -> np.random.Generator:
-        return seeds.generator(self.seed, f"race, iteration {self._iteration}, {purpose}")
+        return seeds.generator(self.seed, f"race, iteration {self.iteration}, {purpose}")
 
 
 def _whole(name: str, value: int, minimum: int) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from mercator_design.errors import RaceError
 from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
-from mercator_design.race.racing.statistics import concordance, signed_rank_p_value
+from mercator_design.race.racing.statistics import signed_rank_p_value
 from mercator_design.race.racing.summary import IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
@@ -113,7 +113,7 @@ class Search(Optimizer):
     @property
     def progress(self) -> Progress:
         return Progress(
-            iteration=self._iteration,
+            iteration=self.iteration,
             iterations=self._n_iterations,
             alive=len(self._alive) or len(self.elites),
             used=self.used,
@@ -136,14 +136,14 @@ class Search(Optimizer):
             if not proposals:
                 self.stop_reason = "no configuration was found that has not run"
                 break
-            self._iteration += 1
+            self.iteration += 1
             # More, if some are pruned.
             left = (self.budget - self.used) / (self._n_instances * self.options.generation)
-            self._n_iterations = self._iteration - 1 + math.ceil(left)
+            self._n_iterations = self.iteration - 1 + math.ceil(left)
             yield from self._generation(proposals)
         else:
             self.stop_reason = "the budget left is too small for another configuration"
-        self._n_iterations = self._iteration
+        self._n_iterations = self.iteration
         if self.used < self.budget:
             yield from self._confirm()
 
@@ -191,7 +191,7 @@ class Search(Optimizer):
         alive = [
             number for number in proposals if number in self._means and len(self.history.costs[number]) == n_instances
         ]
-        self._end_iteration(list(proposals), alive, budget=len(proposals) * n_instances, used=self.used - before)
+        self._conclude(list(proposals), alive, budget=len(proposals) * n_instances, used=self.used - before)
 
     def _run_through(self, numbers: Sequence[int], n_instances: int) -> Batches:
         """Run configurations on all instances, except those that are pruned or rejected."""
@@ -219,7 +219,7 @@ class Search(Optimizer):
 
     def _confirm(self) -> Batches:
         """Spend the rest of the budget on the elites, one new instance after the other."""
-        self._iteration += 1
+        self.iteration += 1
         before, first = self.used, self.elites[0].n_results
         raced = [elite.configuration for elite in self.elites if elite.n_results == first]
         while (left := self.budget - self.used) > 0:
@@ -231,7 +231,7 @@ class Search(Optimizer):
             if not self.elites:
                 raise RaceError(ALL_REJECTED)
         alive = [number for number in raced if not self.history.is_rejected(number)]
-        self._end_iteration(raced, alive, budget=self.budget - before, used=self.used - before, postselection=True)
+        self._conclude(raced, alive, budget=self.budget - before, used=self.used - before, postselection=True)
 
     def _rank(self, newcomers: Iterable[int]) -> None:
         """Select the elites from the former ones and newcomers; from all configurations if these are rejected."""
@@ -242,26 +242,22 @@ class Search(Optimizer):
         ranked = sorted(map(self.history.statistics, accepted), key=lambda one: (-one.n_results, one.mean))
         self.history.elites = ranked[:_MAX_ELITES]
 
-    def _end_iteration(
+    def _conclude(
         self, raced: list[int], alive: list[int], *, budget: int, used: int, postselection: bool = False
     ) -> None:
         """Record the summary of an iteration."""
         self._alive, self._instances = [], range(0)
-        n_instances = min((len(self.history.costs[number]) for number in alive), default=0)
-        costs = np.array([list(self.history.costs[number].values())[:n_instances] for number in alive])
         newcomers = [] if postselection else raced
         summary = IterationSummary(
-            iteration=self._iteration,
+            iteration=self.iteration,
             postselection=postselection,
             budget=budget,
             used=used,
             n_configurations=len(raced),
             n_new=len(newcomers),
-            n_instances=n_instances,
+            n_instances=min((len(self.history.costs[number]) for number in alive), default=0),
             n_alive=len(alive),
-            elites=tuple(self.elites),
             stop_reason="all instances were seen" if alive else "all were pruned or rejected",
             survivors=tuple(alive),
-            concordance=concordance(costs.T.reshape(n_instances, len(alive))),
         )
         self.history.conclude(summary, newcomers, self.budget)

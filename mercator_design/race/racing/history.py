@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TypeAlias
 
@@ -101,7 +101,8 @@ class RaceHistory:
         return list(found.values())
 
     def conclude(self, summary: IterationSummary, newcomers: Sequence[int], budget: int) -> None:
-        """Add an iteration that has ended, compared with the iterations before it."""
+        """Add an iteration that has ended with the present elites, compared with the iterations before it."""
+        summary = replace(summary, elites=tuple(self.elites))
         if not summary.postselection:
             earlier = [iteration for iteration in self.iterations if not iteration.postselection]
             summary = judged(summary, earlier, self.costs.__getitem__, newcomers, budget)

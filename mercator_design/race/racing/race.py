@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.errors import RaceError
-from mercator_design.race.racing.statistics import Concordance, TestName, concordance, eliminate, overall_ranks
+from mercator_design.race.racing.statistics import TestName, eliminate, overall_ranks
 
 ALL_REJECTED = "race: expected some configurations to be accepted, but all were rejected by infinite costs"
 
@@ -209,10 +209,6 @@ class EliminationRace:
         table = self._costs[: max(self._row, len(self._known)), columns]
         ranks = overall_ranks(table, self._rules.test)
         return {self.configurations[column]: float(rank) for column, rank in zip(columns, ranks, strict=True)}
-
-    def concordance(self) -> Concordance:
-        """The agreement of the instances on the alive configurations."""
-        return concordance(self._costs[: self._row, self._alive])
 
     def _instance(self, row: int) -> int:
         return self._known[row] if row < len(self._known) else self._next_instance + row - len(self._known)

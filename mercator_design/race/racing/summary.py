@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from mercator_design.race.racing.statistics import Concordance
-
 CONFIDENCE = 0.95
 """Confidence of the intervals around reported means."""
 ALPHA = 0.05
@@ -51,7 +49,6 @@ class IterationSummary:
     elites: tuple[Elite, ...] = ()  # best first
     soft_restart: bool = False
     stop_reason: str
-    concordance: Concordance
     survivors: tuple[int, ...] = ()  # alive at its end
     newcomers_differ: bool = True  # False if there is no significant difference between two or more of them
     stagnant: int = 0  # iterations up to this one without a gain (race/racing/stagnation.py)

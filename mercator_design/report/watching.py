@@ -33,7 +33,7 @@ def follow(path: Path, mode: Mode, *, announce: Callable[[str], None], sleep: Sl
     """
     reading, events = _begun(path, announce, sleep)
     provenance, task = read_provenance(path), task_of(path)
-    standing = Standing(task, task.optimizer.progress)
+    standing = Standing(task.cost, task.optimizer.progress)
     record = reading.record
     with RaceDisplay(task, record.budget, provenance.testing, mode, progress=lambda: standing.progress) as display:
         display.known = len(record.experiments)

@@ -15,7 +15,7 @@ def test_it_follows_the_race():
     executor = ThreadExecutor(1)
     run = runner(Record(), executor, race=race)
     problem = runner(Record(), executor).problem
-    standing = Standing(problem, problem.optimizer.progress)
+    standing = Standing(problem.cost, problem.optimizer.progress)
     assert (standing.progress.best, standing.progress.alive, standing.progress.used) == (None, 0, 0)
     n_run, seen = 0, []
     with executor:
@@ -39,7 +39,7 @@ def test_it_follows_the_race():
 
 def test_failures_and_revised_scores():
     problem = runner(Record(), ThreadExecutor(1)).problem
-    standing = Standing(problem, problem.optimizer.progress)
+    standing = Standing(problem.cost, problem.optimizer.progress)
     one = {"iteration": 1, "instance": 0, "seed": 1}
     standing.note(ExperimentDone(experiment=0, configuration=0, score=None, failure="why", **one))
     assert standing.progress.best is None

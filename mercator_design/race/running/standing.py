@@ -1,18 +1,11 @@
 """Where a race stands, from its events alone: for a program that reads the journal of a race that another one runs."""
 
 import math
+from collections.abc import Callable
 from statistics import fmean, stdev
-from typing import Protocol
 
 from mercator_design.race.racing.summary import Elite, Progress
 from mercator_design.race.running.events import ConfigurationAdded, Event, ExperimentDone, IterationEnded, ScoreRevised
-
-
-class Scored(Protocol):
-    """A task whose scores have costs, which a race minimises."""
-
-    def cost(self, score: float) -> float:
-        """The cost of a score."""
 
 
 class Standing:
@@ -22,12 +15,12 @@ class Standing:
     does not say who was eliminated. The plan of iterations is that of the beginning of the race.
 
     Args:
-        task: The task of the race.
+        cost: The cost of a score, which the race minimises.
         plan: The progress of its optimizer before it has begun; without iterations, their number is not known.
     """
 
-    def __init__(self, task: Scored, plan: Progress) -> None:
-        self._task, self._plan = task, plan
+    def __init__(self, cost: Callable[[float], float], plan: Progress) -> None:
+        self._cost, self._plan = cost, plan
         self._costs: dict[int, dict[int, float]] = {}  # by configuration and instance
         self._ended: IterationEnded | None = None
         self._iteration = 1
@@ -70,7 +63,7 @@ class Standing:
         if one.score is None:
             costs.pop(one.instance, None)
         else:
-            costs[one.instance] = self._task.cost(one.score)
+            costs[one.instance] = self._cost(one.score)
 
     def _n_alive(self) -> int:
         elites = set() if self._ended is None else {*self._ended.elites}

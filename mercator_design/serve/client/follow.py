@@ -132,7 +132,7 @@ def follow(
     except (KeyError, TypeError, ValueError):
         raise ClientError(f"{connection.server}: expected a job, found something else") from None
     plan = Progress(iteration=1, iterations=0, alive=0, used=0, budget=budget, best=None)
-    standing, said = Standing(raced, plan), ""
+    standing, said = Standing(raced.cost, plan), ""
     with RaceDisplay(raced, budget, None, mode, progress=lambda: standing.progress) as display:
         display.known = known
         for told in events_of(connection, job, announce=announce, sleep=sleep):

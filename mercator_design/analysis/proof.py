@@ -67,7 +67,7 @@ class Proof:
         """The scores of the winner."""
         return Scores(self.contestants[0].scores)
 
-    def pairs(self) -> list[Pair]:
+    def pairs(self) -> list[Pair[str]]:
         """The winner against each of the others, by paired tests."""
         scores = {one.name: dict(enumerate(one.scores)) for one in self.contestants}
         winner, *others = scores

@@ -54,18 +54,13 @@ class Comparison:
         self.of = of
         costs = [simulator.mission.cost(one.scores.mean) for one in of]
         self.best = costs.index(min(costs))
-        self.pairs: list[Pair] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
+        self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
         self._with_best = {
             other: pair.p_value
             for pair in self.pairs
             for own, other in ((pair.first, pair.second), (pair.second, pair.first))
             if own == self.best
         }
-
-    def at(self, place: object) -> Evaluated:
-        """The PFSM at a place of a pair."""
-        assert isinstance(place, int)  # noqa: S101 - a place in `of`
-        return self.of[place]
 
     def p_value(self, place: int) -> float | None:
         """That of the pair with the best; None if there is none."""
@@ -133,7 +128,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
     if 1 < len(found.pairs) <= _MOST_PAIRS:
         pairs = [
             (
-                f"{found.at(pair.first).label} - {found.at(pair.second).label}",
+                f"{found.of[pair.first].label} - {found.of[pair.second].label}",
                 difference(pair.differences.values),
                 _p_text(pair.p_value),
             )
@@ -184,8 +179,8 @@ def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None
         ],
         "pairs": [
             {
-                "first": found.at(pair.first).name,
-                "second": found.at(pair.second).name,
+                "first": found.of[pair.first].name,
+                "second": found.of[pair.second].name,
                 "mean_difference": pair.differences.mean,
                 "confidence_interval": pair.differences.confidence_interval,
                 "p_value": pair.p_value,

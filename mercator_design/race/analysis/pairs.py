@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import scipy
@@ -15,15 +15,15 @@ from mercator_design.race.racing.summary import Scores
 K = TypeVar("K")
 
 
-class Pair(NamedTuple):
+class Pair(NamedTuple, Generic[K]):
     """Two sets of scores, compared.
 
     differences: The first's scores minus the second's, on each common instance.
     p_value: Of no difference, by the paired t-test.
     """
 
-    first: object
-    second: object
+    first: K
+    second: K
     differences: Scores
     p_value: float
 
@@ -51,7 +51,7 @@ def worse_p_value(differences: ArrayLike, margin: float) -> float:
     return float(scipy.special.stdtr(len(values) - 1, (float(values.mean()) - margin) / error))
 
 
-def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K]] | None = None) -> list[Pair]:
+def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K]] | None = None) -> list[Pair[K]]:
     """Compare scores by instance, pair by pair; p-values have Holm's correction for all pairs.
 
     Pairs of fewer than two common instances are left out.

@@ -1,6 +1,7 @@
 """The proof of the choice: the elites' scores, tests between them, and the winner on fresh instances."""
 
 import math
+from typing import Any
 
 from mercator_design.analysis.proof import ALONE, RUNNER_UP, Proof
 from mercator_design.race.analysis.pairs import Pair, compared
@@ -34,7 +35,7 @@ def verdict(facts: Facts, proof: Proof) -> str:
     sign = 1.0 if facts.task is None or facts.task.maximise else -1.0
     for pair in proof.pairs():
         group = alike if pair.p_value >= ALPHA else better if sign * pair.differences.mean > 0 else worse
-        group.append(str(pair.second))
+        group.append(pair.second)
     parts = [
         f"it is {how} {_listed(group, simple)}"
         for how, group in (
@@ -89,7 +90,7 @@ def _tests(facts: Facts) -> Html:
     if not pairs:
         return Html()
     rows = [
-        (facts.called(pair.first), facts.called(pair.second), len(pair.differences.values), *_difference(pair))  # type: ignore[arg-type]  # keys are numbers
+        (facts.called(pair.first), facts.called(pair.second), len(pair.differences.values), *_difference(pair))
         for pair in pairs
     ]
     about = note(
@@ -102,7 +103,7 @@ def _tests(facts: Facts) -> Html:
     return Html(about + table(head, rows[:n], name="pairs") + others)
 
 
-def _difference(pair: Pair | None) -> tuple[str, str]:
+def _difference(pair: Pair[Any] | None) -> tuple[str, str]:
     if pair is None:
         return "", ""
     return difference(pair.differences.values), p_text(pair.p_value).removeprefix("p = ").removeprefix("p ")

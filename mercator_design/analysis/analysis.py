@@ -4,16 +4,16 @@ The statistics (race/analysis/) do not depend on robots; this module applies the
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mercator_design.analysis.pruning import Element, max_modules, module_counts, one_less, removed, without
+from mercator_design.analysis.pruning import max_modules, module_counts, one_less, removed, without
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.analysis.ablation import Flips, Step, ablate
@@ -116,15 +116,18 @@ def ablation(
     if task.evaluate is not None:
         expected = "a targetRunner that prints costs, as a targetEvaluator compares configurations of a race"
         raise RaceError(f"{task.name}: expected {expected}, found a targetEvaluator: it cannot be ablated")
-    variants: Flips | _Pruning
+    changes: Callable[[Any], Mapping[Any, str]]
+    configuration_of: Callable[[Any], Configuration]
     first_variant: Any
     if start is not None:
-        variants = Flips(task.optimizer.space, winner)
+        flips = Flips(task.optimizer.space, winner)
+        changes, configuration_of = flips.changes, flips.configuration
         first_variant = task.optimizer.space.key(record.configurations[start])
-    else:
+    else:  # a variant is the set of the removed elements
         assert isinstance(task, Designer)  # noqa: S101 - checked above
-        variants = _Pruning(to_pfsm(winner, task.flavour))
-        first_variant = removed(variants.pfsm, frozenset())
+        pfsm = to_pfsm(winner, task.flavour)
+        changes, configuration_of = partial(one_less, pfsm), lambda out: from_pfsm(without(pfsm, out))
+        first_variant = removed(pfsm, frozenset())
     numbers = count(10**9)  # above all numbers of configurations
     n_calls = n_done = 0
 
@@ -132,7 +135,7 @@ def ablation(
         nonlocal n_calls, n_done
         items = [
             task.item(Experiment(number, instance), configuration, test=True)
-            for configuration, number in zip(map(variants.configuration, several), numbers, strict=False)
+            for configuration, number in zip(map(configuration_of, several), numbers, strict=False)
             for instance in instances
         ]
         found = in_order(executor, task.function, items, lambda done: watch(n_calls, n_done + done), stopped)
@@ -140,26 +143,11 @@ def ablation(
         costs = [task.cost(one.score) for one in found]
         return [costs[k : k + len(instances)] for k in range(0, len(costs), len(instances))]
 
-    steps = ablate(first_variant, variants.changes, measure, runs)
+    steps = ablate(first_variant, changes, measure, runs)
     return Ablation(
         task=task,
         start="the winner" if start is None else f"configuration {start}",
         steps=tuple(steps),
-        configurations=tuple(variants.configuration(step.variant) for step in steps),
+        configurations=tuple(configuration_of(step.variant) for step in steps),
         simplifies=start is None,
     )
-
-
-class _Pruning:
-    """Removes elements of a PFSM; a variant is the set of the removed elements."""
-
-    def __init__(self, pfsm: Pfsm) -> None:
-        self.pfsm = pfsm
-
-    def changes(self, out: frozenset[Element]) -> dict[frozenset[Element], str]:
-        """The variants with one more element removed, and all that cannot be reached without it."""
-        return one_less(self.pfsm, out)
-
-    def configuration(self, out: frozenset[Element]) -> Configuration:
-        """The reduced PFSM as a configuration of the grammar."""
-        return from_pfsm(without(self.pfsm, out))

@@ -188,6 +188,16 @@ def _comments(file: Path) -> dict[str, str]:
     return {key: value.strip() for key, _, value in found}
 
 
+def check_same(path: Path, record: Record, provenance: Provenance) -> None:
+    """Check that the journal of a run folder is of the race in its provenance.
+
+    Raises:
+        RaceError: It is of another race.
+    """
+    if not is_same({**record.start, "format": None}, {**provenance.race, "format": None}):
+        raise RaceError(f"{path}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
+
+
 def check_configurations(path: Path, record: Record, space: Space) -> None:
     """Check that the configurations of a journal belong to a space.
 

@@ -21,7 +21,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -33,7 +33,7 @@ from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import BudgetExtended, ExperimentDone, TestDone
 from mercator_design.race.running.journal import Journal, now
 from mercator_design.race.running.task import RaceResult, Task
-from mercator_design.runs.files import JOURNAL, is_same, read_provenance, restored, without_provenance, wrong_end
+from mercator_design.runs.files import JOURNAL, check_same, read_provenance, restored, without_provenance, wrong_end
 from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.runs.tables import configuration_rows
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
@@ -109,15 +109,14 @@ class RunFolder:
             MissionError: if its mission, robot model or plugins cannot be read.
         """
         provenance = read_provenance(path)
-        start = provenance.race
         task = restored(path)
         with _naming(path):
             journal = Journal(path / JOURNAL, new=False)
         folder = cls(path, task, journal, provenance)
         try:
             if not journal.record.start:
-                journal.begin(start)
-            _check_same(path, journal, start)
+                journal.begin(provenance.race)
+            check_same(path, journal.record, provenance)
             if missing := wrong_end(path, journal.record):
                 journal.notes.append(missing)
             with _naming(path):
@@ -248,11 +247,6 @@ def _taken(path: Path) -> RaceError:
         if (path / JOURNAL).exists() and (lost := without_provenance(path)):
             return RaceError(taken, lost)
     return RaceError(taken)
-
-
-def _check_same(path: Path, journal: Journal, start: Mapping[str, object]) -> None:
-    if not is_same({**journal.record.start, "format": None}, {**start, "format": None}):
-        raise RaceError(f"{path}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
 
 
 @contextlib.contextmanager

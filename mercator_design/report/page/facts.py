@@ -12,21 +12,19 @@ from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.journal import Reading
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
 from mercator_design.report.runs import run_of
 from mercator_design.runs.files import (
-    JOURNAL,
     TASKS,
     OtherVersion,
     check_configurations,
-    is_same,
+    check_same,
     read_journal,
     read_provenance,
     task_of,
 )
-from mercator_design.runs.provenance import PROVENANCE, Provenance
+from mercator_design.runs.provenance import Provenance
 
 MAX_ELITES = 8
 """Maximum number of elites that are compared."""
@@ -37,7 +35,7 @@ class Facts:
     """The journal and the files of a run folder.
 
     named: The folder, as the commands on the page name it.
-    reading: The journal.
+    record: The journal's.
     provenance: None if it is missing or damaged.
     task: None if this program cannot restore it.
     notes: What is wrong with the folder, for the user.
@@ -45,7 +43,7 @@ class Facts:
 
     folder: Path
     named: Path
-    reading: Reading
+    record: Record
     provenance: Provenance | None
     task: Task[Any] | None
     state: str
@@ -69,8 +67,7 @@ class Facts:
         is_own = task is not None and record.is_complete
         try:
             provenance = read_provenance(folder)
-            if not is_same({**provenance.race, "format": None}, {**record.start, "format": None}):
-                raise RaceError(f"{folder}: expected {JOURNAL} to be of the race in {PROVENANCE}, found another race")
+            check_same(folder, record, provenance)
             task = task or task_of(folder)
         except OtherVersion:
             raise
@@ -83,17 +80,12 @@ class Facts:
         return cls(
             folder=folder,
             named=folder,
-            reading=reading,
+            record=record,
             provenance=provenance,
             task=task,
             state="finished" if is_own else str(run["state"]),
             notes=tuple(dict.fromkeys([*run["notes"], *notes])),
         )
-
-    @property
-    def record(self) -> Record:
-        """The record of the race."""
-        return self.reading.record
 
     @property
     def start(self) -> Mapping[str, Any]:

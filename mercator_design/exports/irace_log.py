@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 _VERSION = "4.4"
 """The version of irace whose names are used."""
-_KINDS = {"categorical": "c", "ordered": "o", "integer": "i", "real": "r"}
 _TESTS = {
     "friedman": "friedman",
     "t-test": "t.none",
@@ -189,7 +188,7 @@ def _parameters(space: Space) -> dict[str, Any]:
     in_order = sorted(parameters, key=lambda one: space.levels[one.name])
     return {
         "names": np.array(names),
-        "types": named([_KINDS[one.kind] for one in parameters]),
+        "types": named([one.kind[0] for one in parameters]),
         "switches": named([one.switch for one in parameters]),
         "domain": domains,
         "domains": domains,
@@ -198,18 +197,13 @@ def _parameters(space: Space) -> dict[str, Any]:
         "transform": {one.name: "log" if one.log else "" for one in parameters},
         "digits": named([one.digits for one in parameters]),
         "isDependent": named([one.is_dependent for one in parameters]),
-        "depends": {one.name: _texts(_uses(one)) for one in parameters},
+        "depends": {one.name: _texts(list(dict.fromkeys(one.depends_on))) for one in parameters},
         "hierarchy": named([space.levels[one.name] for one in parameters]),
         "forbidden": _texts([expression.text for expression in space.forbidden]),
         "nbParameters": len(parameters),
         "nbFixed": len(parameters) - space.n_variable,
         "nbVariable": space.n_variable,
     }
-
-
-def _uses(parameter: Parameter) -> list[str]:
-    condition = () if parameter.condition is None else parameter.condition.names
-    return list(dict.fromkeys([*parameter.bound_names, *condition]))
 
 
 def _domain(parameter: Parameter) -> NDArray[Any]:

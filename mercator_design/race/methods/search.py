@@ -38,7 +38,6 @@ class Sampler(Protocol):
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
         """The next proposal; the given configuration if there is one."""
-        ...
 
 
 class MakeSampler(Protocol):

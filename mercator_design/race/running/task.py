@@ -20,6 +20,7 @@ from mercator_design.race.space.parameter import Configuration
 from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
+_seed = lru_cache(maxsize=1 << 16)(instance_seed)
 Start = Mapping[str, Any]
 """The start of a race, which determines it: task ("mission", ...), name, budget, seed, and keys of the task."""
 
@@ -166,8 +167,3 @@ class Task(Problem[T]):
         Raises:
             RaceError: with the parameter of the first that is not.
         """
-
-
-@lru_cache(maxsize=1 << 16)
-def _seed(seed: int, purpose: str, instance: int) -> int:
-    return instance_seed(seed, purpose, instance)

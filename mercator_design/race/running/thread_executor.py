@@ -11,9 +11,9 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import islice
+from itertools import islice, takewhile
 from operator import length_hint
-from typing import Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from mercator_design.race.running.executors import MAX_WAIT, Failed, attempt
 
@@ -39,7 +39,6 @@ class Stepped(Protocol[T_contra, R_co]):
 
     def in_steps(self, item: T_contra) -> Generator[None, None, R_co]:
         """Do what a call does, yield after each step but the last, and return what a call returns."""
-        ...
 
 
 class ThreadExecutor:
@@ -81,7 +80,7 @@ class ThreadExecutor:
         if not self._threads:
             raise RuntimeError("expected to be entered (`with ThreadExecutor(...)`) before it runs anything")
         left = iter(items)
-        numbered = enumerate(left)
+        numbered: Iterator[tuple[int, Any]] = enumerate(left)
         together: Callable[[Group[T]], Results[R]]
         if isinstance(function, Stepped):
             together, most = partial(_in_steps, function), _MAX_GROUP
@@ -102,7 +101,8 @@ class ThreadExecutor:
         while True:
             while under_way < max_under_way:
                 share = length_hint(left) // (self.jobs + 1)
-                group = _first_of(numbered, min(max(share, 1), max_group))
+                size = min(max(share, 1), max_group)
+                group = list(takewhile(lambda one: one[1] is not None, islice(numbered, size)))
                 if not group:
                     break
                 self._todo.put(job(group))
@@ -117,16 +117,6 @@ class ThreadExecutor:
     def _serve(self) -> None:
         while (job := self._todo.get()) is not None:
             job()
-
-
-def _first_of(numbered: Iterator[tuple[int, T | None]], n: int) -> list[tuple[int, T]]:
-    """Up to n items, up to the first that is not known yet."""
-    group = []
-    for index, item in islice(numbered, n):
-        if item is None:
-            break
-        group.append((index, item))
-    return group
 
 
 def _next(done: "queue.SimpleQueue[T]") -> T:

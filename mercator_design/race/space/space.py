@@ -24,15 +24,12 @@ class Structure(Protocol):
 
     def canonical(self, configuration: Configuration) -> Configuration:
         """The canonical form of a configuration: equal for all configurations of the same meaning."""
-        ...
 
     def neighbour(self, configuration: Configuration, draws: Generator) -> Configuration:
         """A configuration of a similar meaning, in canonical form."""
-        ...
 
     def simple(self, draws: Generator) -> Sequence[Configuration]:
         """Configurations for a search to begin with, in canonical form and random order."""
-        ...
 
 
 class Space:

@@ -34,8 +34,7 @@ def request(facts: Facts) -> Html:
         ("seed", start["seed"]),
         ("changed keys", ", ".join((facts.provenance and facts.provenance.request.set) or ()) or None),
     ]
-    shown = [(name, value) for name, value in [*mission, *race] if value is not None]
-    return section("request", "What was asked", row_of(facts_list(shown), picture))
+    return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture))
 
 
 def _picture(designer: Designer, command: str) -> Html:

@@ -27,7 +27,7 @@ from mercator_design.race.running.events import Number
 from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.record import Record
 from mercator_design.seeds import generator, instance_seed
-from mercator_design.system.files import write_text
+from mercator_design.system.files import write_text, writing
 
 PROOF = "proof.json"
 RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
@@ -140,10 +140,8 @@ def prove(
             for k, (name, pfsm_on) in enumerate(contestants)
         ),
     )
-    try:
+    with writing(folder / PROOF, RaceError):
         write_text(folder / PROOF, json.dumps(plain(proof)) + "\n")
-    except OSError as error:
-        raise RaceError(f"{folder / PROOF}: cannot be written: {error.strerror or error}") from None
     return proof
 
 

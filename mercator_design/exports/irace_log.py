@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
-from mercator_design.race.irace.scenario_options import OPTIONS
+from mercator_design.race.irace.scenario_options import OPTIONS, TESTS
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.record import Record
@@ -32,12 +32,7 @@ if TYPE_CHECKING:
 
 _VERSION = "4.4"
 """The version of irace whose names are used."""
-_TESTS = {
-    "friedman": "friedman",
-    "t-test": "t.none",
-    "t-test-holm": "t.holm",
-    "t-test-bonferroni": "t.bonferroni",
-}
+_TESTS = {ours: name for name, ours in TESTS.items() if ours != "friedman"}  # that is friedman in logs, too
 
 
 @dataclass(frozen=True, slots=True)

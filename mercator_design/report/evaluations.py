@@ -48,6 +48,7 @@ class Comparison:
         of: The PFSMs.
         best: The place of the best in `of`: that of the best mean, the first of equals.
         pairs: All pairs of places, with paired t-tests and Holm's correction; none of a single instance.
+        p_values: Of the pairs with the best, by the other's place.
     """
 
     def __init__(self, of: Sequence[Evaluated], simulator: Simulator) -> None:
@@ -55,20 +56,16 @@ class Comparison:
         costs = [simulator.mission.cost(one.scores.mean) for one in of]
         self.best = costs.index(min(costs))
         self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
-        self._with_best = {
+        self.p_values = {
             other: pair.p_value
             for pair in self.pairs
             for own, other in ((pair.first, pair.second), (pair.second, pair.first))
             if own == self.best
         }
 
-    def p_value(self, place: int) -> float | None:
-        """That of the pair with the best; None if there is none."""
-        return self._with_best.get(place)
-
     def equals(self) -> list[str]:
         """The labels of those that do not differ significantly from the best."""
-        p_values = [(one.label, self.p_value(k)) for k, one in enumerate(self.of) if k != self.best]
+        p_values = [(one.label, self.p_values.get(k)) for k, one in enumerate(self.of) if k != self.best]
         return [label for label, p in p_values if p is None or p >= ALPHA]
 
 
@@ -110,7 +107,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
     ]
     best = found.of[found.best]
     for k, one in enumerate(found.of):
-        scores, p = one.scores, found.p_value(k)
+        scores, p = one.scores, found.p_values.get(k)
         against = "best" if k == found.best else difference(scores.values, best.scores.values)
         interval, sd = scores.confidence_interval, scores.standard_deviation
         rows.append(
@@ -162,7 +159,7 @@ def comparison_csv(found: Comparison) -> str:
         scores = one.scores
         low, high = scores.confidence_interval or (None, None)
         figures = (scores.mean, low, high, scores.standard_deviation, *scores.quartiles, len(scores.values))
-        rows.append((one.name, *figures, found.p_value(k), *others))
+        rows.append((one.name, *figures, found.p_values.get(k), *others))
     return csv_text(rows)
 
 

@@ -19,13 +19,12 @@ def simplification_page(found: Simplification, score: Callable[[float], float]) 
     before = [score(cost) for cost in found.costs]
     rows: list[tuple[object, ...]] = [("step", "change", "mean", "against FSM", "p", "")]
     whole = "FSM without what never fires or cannot be reached" if found.certain else "FSM"
-    rows.append((0, whole, f"{Scores(tuple(before)).mean:.4g}"))
+    rows.append((0, whole, f"{Scores(tuple(before)).mean:.4g}", None, None, None))
     for number, step in enumerate(found.steps, start=1):
         scores = [score(cost) for cost in step.costs]
         verdict = "removed" if number <= len(found.passed) else "kept"
         cells = (number, step.words, f"{Scores(tuple(scores)).mean:.4g}", difference(scores, before))
         rows.append((*cells, f"{step.p_value:.2g}", verdict))
-    wide = max(map(len, rows))
     states, transitions = counts(found)
     n = len(found.costs)
     return "\n".join(
@@ -35,7 +34,7 @@ def simplification_page(found: Simplification, score: Callable[[float], float]) 
             f"The first p of {ALPHA:g} or more ends the removal.",
             f"Intervals are at {CONFIDENCE:.0%}.",
             "",
-            *aligned([(*row, *[None] * (wide - len(row))) for row in rows]),
+            *aligned(rows),
             "",
             f"Removed: {states} of {len(found.pfsm.states)} states, {transitions} of {_edges(found.pfsm)} transitions.",
             to_text(found.simpler),

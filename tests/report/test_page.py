@@ -266,7 +266,7 @@ class TestStages:
         (folder / "journal.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]))
         stopped = Facts.read(folder)
         text = Page(report_page(stopped)).text
-        assert not stopped.is_finished
+        assert not stopped.record.is_complete
         assert "The best so far" in text
         assert f"{len(stopped.record.experiments)} of 240 experiments" in text
 

@@ -82,7 +82,7 @@ def _proof(
 ) -> tuple[Proof | None, str]:
     """The proof of a race that has ended, or why there is none."""
     designer, record = facts.designer, facts.record
-    if designer is None or not facts.is_finished:
+    if designer is None or not facts.record.is_complete:
         return None, ""
     if runs == 0:
         return None, "The winner was not compared with others on fresh instances; --proof-runs N does that."

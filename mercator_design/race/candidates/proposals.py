@@ -85,8 +85,6 @@ class Proposer:
             generator: Makes all random draws.
             excluded: Returns True for a configuration that must not be proposed.
         """
-        if n == 0:
-            return []
         with self._threads.limit(limits=1, user_api="blas"):
             expected = self._learn(history)
             best = sorted(expected, key=expected.__getitem__)[: max(_MIN_PARENTS, len(ranked))]

@@ -35,16 +35,6 @@ class _Word(NamedTuple):
         return self.text != self.written
 
 
-def read_lines(path: Path) -> list[tuple[int, str]]:
-    """Read the lines of a text file, with their numbers; without comments, empty lines and blanks around them.
-
-    Raises:
-        RaceError: It cannot be read.
-    """
-    lines = [line.partition("#")[0].strip() for line in read_text(path).splitlines()]
-    return [(number, line) for number, line in enumerate(lines, start=1) if line]
-
-
 def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], list[str]]:
     """Read the configurations of a file; also return notes, for example on forbidden ones, which are left out.
 
@@ -99,12 +89,9 @@ def to_text(space: Space, configurations: Sequence[Configuration], comments: Seq
 
 def _configuration(space: Space, words: dict[str, _Word]) -> Configuration:
     values = {name: value for name, word in words.items() if (value := _value(space[name], word)) is not None}
-    fixed = {p.name: p.values[0] for p in space.parameters if p.is_fixed and p.name not in values}
     active = space.build(lambda parameter, bounds: values.get(parameter.name, parameter.quantile(0.5, bounds)))
-    values |= {name: value for name, value in fixed.items() if name in active}
-    configuration = {
-        name: values[name] for name in (parameter.name for parameter in space.parameters) if name in values
-    }
+    values = {p.name: p.values[0] for p in space.parameters if p.is_fixed and p.name in active} | values
+    configuration = {p.name: values[p.name] for p in space.parameters if p.name in values}
     if space.is_forbidden(configuration):
         return configuration
     space.check(configuration)

@@ -35,7 +35,7 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
         line = _ParameterLine(whole.partition("#")[0].rstrip(), source, number)
         if line.text.lstrip().startswith("["):
             section = line.text.strip()
-            if section not in sections or section == "":
+            if section not in sections:
                 line.fail("[forbidden] or [global]", section)
         elif line.text.strip():
             sections[section].append(line)

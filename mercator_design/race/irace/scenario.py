@@ -13,7 +13,7 @@ from typing import get_args
 
 from mercator_design.config.yaml_tree import is_text
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.irace.configurations import read_configurations, read_lines, to_text
+from mercator_design.race.irace.configurations import read_configurations, to_text
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.irace.scenario_options import (
     EXPECTED,
@@ -251,7 +251,7 @@ class _ScenarioReader:
         folder = self.value(f"{files}Dir")
         if self.value(f"{files}File") is not None:
             file = self.existing(f"{files}File")
-            lines = [line for _, line in read_lines(file)]
+            lines = [line for whole in read_text(file).splitlines() if (line := whole.partition("#")[0].strip())]
             if not lines:
                 raise RaceError(f"{file}: expected an instance a line, found none")
             return tuple(line if folder is None else f"{folder}/{line}" for line in lines)

@@ -5,6 +5,7 @@ Unlike in irace, the budget is never exceeded: an elimination race that would ex
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from mercator_design.errors import RaceError
 from mercator_design.race.candidates.model import SamplingModel
@@ -229,7 +230,7 @@ class IteratedRace(Optimizer):
             earlier={c: self.history.costs[c] for c in candidates},
             instances=self._old_instances(),
             next_instance=self._n_seen,
-            rules=self.options.rules(first_test=self._n_seen, elitist_limit=0),
+            rules=replace(self.options.rules(), first_test=self._n_seen, elitist_limit=0),
             survivors=1,
             planned_budget=remaining,
             max_experiments=remaining,

@@ -118,15 +118,14 @@ class RaceOptions:
             elitist=self.elitist,
         )
 
-    def rules(self, *, first_test: int | None = None, elitist_limit: int | None = None) -> RaceRules:
-        """The rules of one race; a first test (in instances) or a limit of its own replaces the option."""
-        limit = self.elitist_limit if elitist_limit is None else elitist_limit
+    def rules(self) -> RaceRules:
+        """The rules of one race."""
         return RaceRules(
             test=self.test,
             confidence=self.confidence,
-            first_test=first_test or self._instances_of_first_test,
+            first_test=self._instances_of_first_test,
             each_test=self.instances_each_test,
-            elitist_limit=limit if self.elitist else 0,
+            elitist_limit=self.elitist_limit if self.elitist else 0,
         )
 
     @property

@@ -214,9 +214,7 @@ class Journal:
                 line["after"] = last
             texts.append(to_line(line))
             last = checksum(texts[-1])
-        self._write("".join(texts).encode(), last)
-
-    def _write(self, data: bytes, last: str) -> None:
+        data = "".join(texts).encode()
         try:
             if os.write(self._file, data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - handled below
@@ -263,14 +261,11 @@ def is_locked(path: Path) -> bool:
         return False
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    else:
-        return False
+    except OSError as error:  # any other: this file system has no locks
+        return isinstance(error, BlockingIOError)
     finally:
         os.close(file)
+    return False
 
 
 def now(timespec: str = "seconds") -> str:

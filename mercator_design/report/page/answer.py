@@ -30,7 +30,7 @@ def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
     """
     if facts.best is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
-    name = "The winner" if facts.is_finished else "The best so far"
+    name = "The winner" if facts.record.is_complete else "The best so far"
     return section("answer", name, _score(facts, proof), _software(facts, facts.best, traces))
 
 

@@ -97,11 +97,6 @@ class Facts:
         """The task, if it designs control software."""
         return self.task if isinstance(self.task, Designer) else None
 
-    @property
-    def is_finished(self) -> bool:
-        """Whether the race has a winner under its budget."""
-        return self.record.is_complete
-
     @cached_property
     def best(self) -> int | None:
         """The winner, or the best configuration so far."""
@@ -149,7 +144,11 @@ class Facts:
 
     def called(self, configuration: int) -> str:
         """The name of a configuration on the page."""
-        return f"{configuration} (winner)" if configuration == self.best and self.is_finished else str(configuration)
+        return (
+            f"{configuration} (winner)"
+            if configuration == self.best and self.record.is_complete
+            else str(configuration)
+        )
 
     def command(self, *verb: str) -> str:
         """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""

@@ -41,7 +41,7 @@ def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> 
         proof: The winner on fresh instances.
         without: Why there is no proof, if there is none.
     """
-    runs = chosen_runs(facts, proof) if facts.is_finished else []
+    runs = chosen_runs(facts, proof) if facts.record.is_complete else []
     again, problem = run_again(facts, runs)
     first = [
         answer(facts, proof, [one.trace for one in again]),

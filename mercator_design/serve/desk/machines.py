@@ -150,7 +150,7 @@ def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequen
 def _dots(found: Comparison) -> list[Dot]:
     dots = []
     for k, one in enumerate(found.of):
-        p, scores = found.p_value(k), one.scores
+        p, scores = found.p_values.get(k), one.scores
         remark = "best mean" if k == found.best and len(found.of) > 1 else "" if p is None else p_text(p)
         dots.append(Dot(one.name, scores.mean, *scores.interval, scores.values, remark, k, scores.quartiles))
     return dots

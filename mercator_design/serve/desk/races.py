@@ -43,9 +43,9 @@ def race_part(folder: Path) -> Part:
         MercatorError: The folder cannot be read.
     """
     facts = _facts(folder)
-    proof = read_proof(folder, facts.record) if facts.is_finished and facts.designer is not None else None
+    proof = read_proof(folder, facts.record) if facts.record.is_complete and facts.designer is not None else None
     sections = [answer(facts, proof, []), course(facts)]
-    if facts.is_finished:
+    if facts.record.is_complete:
         sections[1:] = [choice(facts, proof, ""), course(facts), importance(facts)]
     return Part(
         "".join([*(note(f"Note: {text}") for text in facts.notes), *sections]),

@@ -274,8 +274,7 @@ def _without_sweep(values: Floats, angles: Floats) -> Floats:
     off = angles - _moments(angles)[0]
     sweep = np.nansum(off**2, axis=0)
     slopes = np.nansum(off * (values - _moments(values)[0]), axis=0) / np.maximum(sweep, _SWEEP**2)
-    found: Floats = values - np.where(sweep > len(values) * _SWEEP**2, slopes, 0.0) * off
-    return found
+    return values - np.where(sweep > len(values) * _SWEEP**2, slopes, 0.0) * off
 
 
 def _is_spread(times: Floats, values: Floats) -> Flags:

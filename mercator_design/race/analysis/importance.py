@@ -158,8 +158,7 @@ class _Model:
         self._surrogate.fit(*known)
 
     def predict(self, places: Floats) -> Floats:
-        found: Floats = self._middle + self._scale * self._surrogate.means(self._features.of(places))
-        return found
+        return self._middle + self._scale * self._surrogate.means(self._features.of(places))
 
 
 def _favoured(model: _Model, places: Floats, column: int) -> tuple[int, float]:

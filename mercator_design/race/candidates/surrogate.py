@@ -72,8 +72,7 @@ class _Points(NamedTuple):
 
 def _distances(ones: _Points, others: _Points) -> Floats:
     apart: Floats = 0.5 * np.add.outer(ones.squares, others.squares) - ones.places @ others.places.T
-    found: Floats = np.maximum(apart, 0.0).round(_DIGITS)
-    return found
+    return np.maximum(apart, 0.0).round(_DIGITS)
 
 
 class Surrogate:
@@ -101,8 +100,7 @@ class Surrogate:
         lower = np.linalg.cholesky(self._covariance(self._known, self._known) + np.diag(noise))
         self._whitening = np.linalg.inv(lower)
         self._weights = self._whitening.T @ (self._whitening @ costs)
-        expected: Floats = np.round(costs - noise * self._weights, _DIGITS)
-        return expected
+        return np.round(costs - noise * self._weights, _DIGITS)
 
     def predict(self, features: Floats) -> tuple[Floats, Floats]:
         """Means and standard deviations, each of shape (n,)."""
@@ -113,8 +111,7 @@ class Surrogate:
 
     def means(self, features: Floats) -> Floats:
         """The means of `predict`, in a small part of its time."""
-        found: Floats = np.round(self._covariance(self._scaled(features), self._known) @ self._weights, _DIGITS)
-        return found
+        return np.round(self._covariance(self._scaled(features), self._known) @ self._weights, _DIGITS)
 
     def sample(self, features: Floats, n: int, generator: Generator) -> Floats:
         """Functions sampled from the posterior, at n_points points each, shape (n, n_points)."""
@@ -125,8 +122,7 @@ class Surrogate:
         jitter = 1e-6 * self._variance * np.eye(len(features))
         lower = np.linalg.cholesky(posterior + jitter)
         draws = generator.normal(size=(n, len(features)))
-        sampled: Floats = np.round(across @ self._weights + draws @ lower.T, _DIGITS)
-        return sampled
+        return np.round(across @ self._weights + draws @ lower.T, _DIGITS)
 
     def distances(self, features: Floats, others: Floats) -> Floats:
         """Distances of configurations, shape (n, others)."""
@@ -137,8 +133,7 @@ class Surrogate:
         return _Points(places, (places * places).sum(axis=1))
 
     def _covariance(self, ones: _Points, others: _Points) -> Floats:
-        found: Floats = self._variance * np.exp(-_distances(ones, others))
-        return found
+        return self._variance * np.exp(-_distances(ones, others))
 
     def adapt(self, features: Floats, costs: Floats, noise: Floats) -> None:
         """Take some steps up the log posterior density over the logarithms of weights and variance: a part of `fit`."""

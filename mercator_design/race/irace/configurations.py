@@ -90,7 +90,7 @@ def to_text(space: Space, configurations: Sequence[Configuration], comments: Seq
 def _configuration(space: Space, words: dict[str, _Word]) -> Configuration:
     values = {name: value for name, word in words.items() if (value := _value(space[name], word)) is not None}
     active = space.build(lambda parameter, bounds: values.get(parameter.name, parameter.quantile(0.5, bounds)))
-    values = {p.name: p.values[0] for p in space.parameters if p.is_fixed and p.name in active} | values
+    values |= {p.name: p.values[0] for p in space.parameters if p.is_fixed and p.name in active.keys() - values.keys()}
     configuration = {p.name: values[p.name] for p in space.parameters if p.name in values}
     if space.is_forbidden(configuration):
         return configuration

@@ -75,12 +75,12 @@ def ablation(
     task: Task[Any],
     executor: Executor,
     *,
-    start: int | None = None,
-    first: bool = False,
+    start: int | None,
+    first: bool,
     runs: int,
-    announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
-    watch: Callable[[int, int], None] = lambda step, done: None,  # noqa: ARG005
-    stopped: Callable[[], bool] = lambda: False,
+    announce: Callable[[str], None],
+    watch: Callable[[int, int], None],
+    stopped: Callable[[], bool],
 ) -> Ablation:
     """Find the path to the winner of a race from another configuration, or from a winning PFSM to its initial state.
 

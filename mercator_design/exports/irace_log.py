@@ -217,10 +217,8 @@ def _texts(values: Sequence[str]) -> NDArray[Any]:
 def _scenario(task: Task[Any], record: Record) -> dict[str, Any]:
     """The options of irace; those that the race does not have are at their defaults."""
     options: Mapping[str, Any] = record.start.get("options", {})
-    found: dict[str, Any] = {}
-    for name, option in OPTIONS.items():
-        value = options.get(option.ours) if option.ours else None
-        found[name] = option.default if value is None else value
+    given = {name: options.get(option.ours) for name, option in OPTIONS.items()}
+    found: dict[str, Any] = {name: OPTIONS[name].default if one is None else one for name, one in given.items()}
     found |= {
         "maxExperiments": record.budget,
         "seed": task.optimizer.seed,

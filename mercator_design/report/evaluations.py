@@ -65,8 +65,7 @@ class Comparison:
 
     def equals(self) -> list[str]:
         """The labels of those that do not differ significantly from the best."""
-        p_values = [(one.label, self.p_values.get(k)) for k, one in enumerate(self.of) if k != self.best]
-        return [label for label, p in p_values if p is None or p >= ALPHA]
+        return [one.label for k, one in enumerate(self.of) if k != self.best and self.p_values.get(k, 1.0) >= ALPHA]
 
 
 def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:

@@ -35,7 +35,6 @@ _PIECE = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _OPEN = re.compile(r"(?:[-=+*/,&|<>!]|%%|%in%)\s*$")
-_SHORT = {"T": True, "F": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +67,7 @@ def read_assignments(text: str, source: str) -> list[Assignment]:
     Raises:
         RaceError: with source, line and column, what was expected and what was found.
     """
-    known: dict[str, Any] = dict(_SHORT)
+    known: dict[str, Any] = {"T": True, "F": False}
     found = []
     for line, statement in _statements(text, source):
         match = _ASSIGNMENT.match(statement)

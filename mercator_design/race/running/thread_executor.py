@@ -88,12 +88,9 @@ class ThreadExecutor:
             together, most = partial(_one_by_one, function), 1
         done: queue.SimpleQueue[tuple[Results[R], float]] = queue.SimpleQueue()
 
-        def job(group: Group[T]) -> Callable[[], None]:
-            def run() -> None:
-                start = self._clock()
-                done.put((together(group), self._clock() - start))
-
-            return run
+        def run(group: Group[T]) -> None:
+            start = self._clock()
+            done.put((together(group), self._clock() - start))
 
         max_under_way = self.jobs + (self.jobs > 1)  # a group for each thread; if there are several, one more waits
         under_way = 0
@@ -105,7 +102,7 @@ class ThreadExecutor:
                 group = list(takewhile(lambda one: one[1] is not None, islice(numbered, size)))
                 if not group:
                     break
-                self._todo.put(job(group))
+                self._todo.put(partial(run, group))
                 under_way += 1
             if not under_way:
                 return

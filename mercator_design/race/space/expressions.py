@@ -211,16 +211,15 @@ class _Parser:
 
     def _unescaped(self, match: re.Match[str], token: _Token) -> str:
         """The character of an escape of R."""
+        escape = _Token("", match.group(), token.position + 1 + match.start())
         digits = match["octal"] or match["byte"] or match["braced"] or match["point"]
         if digits is None:
             if match["letter"] not in _ESCAPED:
-                self._fail(
-                    "an escape of R such as \\n or \\\\", _Token("", match.group(), token.position + 1 + match.start())
-                )
+                self._fail("an escape of R such as \\n or \\\\", escape)
             return _ESCAPED[match["letter"]]
         code = int(digits, 8 if match["octal"] else 16)
         if code == 0 or 0xD800 <= code <= 0xDFFF:
-            self._fail("a character", _Token("", match.group(), token.position + 1 + match.start()))
+            self._fail("a character", escape)
         return chr(code) if code <= sys.maxunicode else "\ufffd"
 
     def _logic(self) -> _Token:

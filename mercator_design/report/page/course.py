@@ -1,6 +1,7 @@
 """How the race went: its budget, its best configuration, how it converged, its elites."""
 
 import math
+from collections import Counter
 
 from mercator_design.analysis.pruning import module_counts
 from mercator_design.race.analysis.convergence import first_iterations, spreads
@@ -38,13 +39,10 @@ def _notes(found: list[Incumbent]) -> Html:
 
 def _budget(facts: Facts) -> Html:
     first = first_iterations(facts.record)
-    used: dict[tuple[int, bool], int] = {}
-    iterations = facts.record.ended
-    for one in facts.record.experiments.values():
-        again = first[one.configuration] < one.iteration
-        used[one.iteration, again] = used.get((one.iteration, again), 0) + 1
+    iterations, experiments = facts.record.ended, facts.record.experiments.values()
+    used = Counter((one.iteration, first[one.configuration] < one.iteration) for one in experiments)
     kinds = [
-        Bars(name, [used.get((one.iteration, again), 0) for one in iterations])
+        Bars(name, [used[one.iteration, again] for one in iterations])
         for name, again in (("new configurations", False), ("elites again", True))
     ]
     chart = bar_chart(list(map(iteration_name, iterations)), kinds, Axis("iteration"), Axis("experiments"))

@@ -144,11 +144,8 @@ class Facts:
 
     def called(self, configuration: int) -> str:
         """The name of a configuration on the page."""
-        return (
-            f"{configuration} (winner)"
-            if configuration == self.best and self.record.is_complete
-            else str(configuration)
-        )
+        is_winner = configuration == self.best and self.record.is_complete
+        return f"{configuration} (winner)" if is_winner else str(configuration)
 
     def command(self, *verb: str) -> str:
         """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""

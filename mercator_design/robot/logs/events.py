@@ -1,6 +1,6 @@
 """The events of logs and recordings: their fields and how they are read. log.py and recording.py explain them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
@@ -30,78 +30,58 @@ _YEARS = range(1970, 2100)
 
 
 @dataclass(frozen=True, slots=True)
-class _BelowOne:
-    """A number is in the range of `random()`."""
+class _Rule:
+    """A restriction of values, and its words, in which `{noun}` stands for what they are."""
 
-    def allows(self, value: float) -> bool:
-        return 0.0 <= value < 1.0
+    allows: Callable[[Any], bool]
+    words: str
 
     def says(self, noun: str) -> str:
-        return f"{noun} from 0 to below 1"
+        return self.words.format(noun=noun)
 
 
-@dataclass(frozen=True, slots=True)
-class _DateTime:
-    """A text is a date and time in UTC."""
-
-    def allows(self, value: str) -> bool:
-        try:
-            moment = datetime.fromisoformat(value)
-        except ValueError:
-            return False
-        return moment.utcoffset() == timedelta(0) and moment.year in _YEARS
-
-    def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
-        return f"a date and time in UTC from {_YEARS[0]} to {_YEARS[-1]}"
+def _is_date_time(text: str) -> bool:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return moment.utcoffset() == timedelta(0) and moment.year in _YEARS
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lengths:
+def _lengths(lengths: Mapping[str, Sequence[int]], may_have_null: Sequence[str] = ()) -> _Rule:
     """Each list of a mapping has one of the lengths for its name; some may have null, but not first."""
 
-    lengths: Mapping[str, Sequence[int]]
-    may_have_null: Sequence[str] = ()
-
-    def allows(self, value: Mapping[str, Sequence[float | None]]) -> bool:
+    def allows(lists: Mapping[str, Sequence[float | None]]) -> bool:
         return all(
-            len(values) in self.lengths.get(name, ())
-            and None not in (values[:1] if name in self.may_have_null else values)
-            for name, values in value.items()
+            len(values) in lengths.get(name, ()) and None not in (values[:1] if name in may_have_null else values)
+            for name, values in lists.items()
         )
 
-    def says(self, noun: str) -> str:
-        lengths = (f"{name}: {' or '.join(map(str, each))}" for name, each in self.lengths.items())
-        return f"{noun} with lists of numbers ({', '.join(lengths)})"
+    words = ", ".join(f"{name}: {' or '.join(map(str, each))}" for name, each in lengths.items())
+    return _Rule(allows, f"{{noun}} with lists of numbers ({words})")
 
 
-class _OneSample:
-    """The values of a sample fit its sensor."""
-
-    def allows(self, value: "SampleTaken") -> bool:
-        return len(value.values) == len(FIELDS[value.sensor]) and (
-            value.sensor == "proximity" or None not in value.values
-        )
-
-    def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
-        return "as many values as the sensor has"
+def _fits_its_sensor(sample: "SampleTaken") -> bool:
+    fits = len(sample.values) == len(FIELDS[sample.sensor])
+    return fits and (sample.sensor == "proximity" or None not in sample.values)
 
 
 Number = Annotated[float, Range(-1e9, 1e9)]
 Count = Annotated[int, Range(0, 1e9)]
 Seconds = Annotated[float, Range(0.0, 1e6)]
 """Time since the start of the log [s], up to eleven days."""
-Draw = Annotated[float, _BelowOne()]
-DateTime = Annotated[str, _DateTime()]
+Draw = Annotated[float, _Rule(lambda value: 0.0 <= value < 1.0, "{noun} from 0 to below 1")]
+DateTime = Annotated[str, _Rule(_is_date_time, f"a date and time in UTC from {_YEARS[0]} to {_YEARS[-1]}")]
 Pairs: TypeAlias = tuple[tuple[Number, Number], ...]
 Values: TypeAlias = tuple[Number | None, ...]
 SensedValues = Annotated[
     Mapping[str, Values],
-    _Lengths({**{name: [1 + len(each)] for name, each in FIELDS.items()}, "lidar": [1]}, ["proximity"]),
+    _lengths({**{name: [1 + len(each)] for name, each in FIELDS.items()}, "lidar": [1]}, ["proximity"]),
 ]
 """The age of the latest sample [s], then its values, by sensor."""
 LineValues = Annotated[
     Mapping[str, tuple[Number, ...]],
-    _Lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
+    _lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
 ]
 """The numbers of LINES, by device."""
 
@@ -225,7 +205,7 @@ _ENDS: Mapping[str, schema.Kind] = {"note": NoteTaken, "end": LogEnded}
 _EVENTS: Mapping[str, Mapping[str, schema.Kind]] = {
     "run": {"cycle": CycleDone, **_ENDS},
     "recording": {
-        "sample": Annotated[SampleTaken, _OneSample()],
+        "sample": Annotated[SampleTaken, _Rule(_fits_its_sensor, "as many values as the sensor has")],
         "turn": TurnTaken,
         "wheels": WheelsDriven,
         **_ENDS,

@@ -143,12 +143,12 @@ class TestReadings:
     def test_what_is_not_valid_is_not_heard(self):
         streamed = {"color_detection": QUIET["color_detection"]}
         for is_valid in (False, True):
-            found = [*converted(StreamData(Processor.ST, 1, is_valid=is_valid, values=streamed), 0.0)]
+            found = [*converted(StreamData(Processor.ST, 1, is_valid=is_valid, values=streamed))]
             assert bool(found) == is_valid
 
     def test_a_hub_with_a_sensor_that_is_off_tells_nothing(self):
         for mask in (0xFF, 0xFE):
-            assert bool([*converted(Distances((500,) * 8, mask), 0.0)]) == (mask == 0xFF)
+            assert bool([*converted(Distances((500,) * 8, mask))]) == (mask == 0xFF)
 
     def robots_after_a_turn(self, devices, robot):
         """What was seen before the robot turned is still where it was."""
@@ -505,5 +505,5 @@ def test_wheels_and_lamps(devices):
 def test_no_zero_has_a_sign():
     """Of axes that are turned the other way."""
     values = {name: QUIET[name] for name in STREAMED}
-    for _, sample in converted(StreamData(Processor.ST, 1, is_valid=True, values=values), 0.0):
-        assert [math.copysign(1.0, value) for value in sample.values] == [1.0] * len(sample.values)
+    for _, found in converted(StreamData(Processor.ST, 1, is_valid=True, values=values)):
+        assert [math.copysign(1.0, value) for value in found] == [1.0] * len(found)

@@ -34,7 +34,8 @@ LATEST = 0.25
 def sampled(**streamed):
     """Samples of what the RVR streams."""
     values = {name: QUIET[name] | streamed.get(name, {}) for name in STREAMED}
-    return dict(converted(StreamData(Processor.ST, 1, is_valid=True, values=values), 1.0))
+    found = converted(StreamData(Processor.ST, 1, is_valid=True, values=values))
+    return {name: Sample(1.0, each) for name, each in found}
 
 
 def turned(q, vector):

@@ -10,8 +10,8 @@ from tests.robot.lines import QUIET
 
 def test_samples_have_the_values_of_the_table():
     streamed = StreamData(Processor.ST, 1, is_valid=True, values={name: QUIET[name] for name in STREAMED})
-    samples = dict([*converted(streamed, 0.0), *converted(Distances((500,) * 8), 0.0)])
-    assert {name: len(sample.values) for name, sample in samples.items()} == {
+    samples = dict([*converted(streamed), *converted(Distances((500,) * 8))])
+    assert {name: len(values) for name, values in samples.items()} == {
         name: len(values) for name, values in FIELDS.items()
     }
 

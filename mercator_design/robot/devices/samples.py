@@ -56,17 +56,17 @@ STREAMED = tuple(_CONVERT)
 """The services that the RVR is asked to stream."""
 
 
-def converted(event: Event, now: float) -> Iterator[tuple[str, Sample]]:
-    """The samples of an event, by the names of FIELDS; most events have none."""
+def converted(event: Event) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """The values of each sample in an event, behind a name of FIELDS; most events have none."""
     match event:
         case StreamData(is_valid=True):
             for service, values in event.values.items():
                 name, convert = _CONVERT[service]
-                yield name, Sample(now, convert(values))
+                yield name, convert(values)
         case Distances():
             metres = event.metres()
             if not any(map(math.isnan, metres)):  # without one sensor the robot is blind on that side
-                yield "proximity", Sample(now, tuple(metres))
+                yield "proximity", tuple(metres)
 
 
 def heading(latest: Mapping[str, Sample], time: float) -> float:

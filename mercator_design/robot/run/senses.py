@@ -101,9 +101,8 @@ class Senses:
 
     def take(self, event: Event, now: float) -> bool:
         """Take in an event that was read at a time [s]; return whether it ends a turn of the lidar."""
-        for name, sample in converted(event, now):
-            values = self._settings.corrected(sample.values) if name == "proximity" else sample.values
-            self.samples[name] = Sample(now, values)
+        for name, values in converted(event):
+            self.samples[name] = Sample(now, self._settings.corrected(values) if name == "proximity" else values)
             if name == "proximity":
                 self._faced = heading(self.samples, now)
         if not isinstance(event, Packet):

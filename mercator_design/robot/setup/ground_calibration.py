@@ -13,7 +13,7 @@ from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import Line, PortNames, open_port
 from mercator_design.robot.devices.samples import converted
 from mercator_design.robot.devices.start import stop_rvr, wake_rvr
-from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
+from mercator_design.robot.protocols.rvr_streaming import streaming
 
 _PERIOD = 50  # [ms] of streaming
 _MIN_SAMPLES = 10  # of a measurement
@@ -49,11 +49,9 @@ class GroundSensor:
         """
         self.attend()
         found = []
-        for event, now in self._link.poll(time.monotonic() + seconds):
-            if isinstance(event, StreamData) and event.is_valid:
-                for _, sample in converted(event, now):
-                    red, green, blue = sample.values
-                    found.append((red, green, blue))
+        for event, _ in self._link.poll(time.monotonic() + seconds):
+            for _, (red, green, blue) in converted(event):
+                found.append((red, green, blue))
         if len(found) < _MIN_SAMPLES:
             raise RobotError(f"ground: {len(found)} measurements in {seconds:g} s; {self._link.remedy('rvr')}")
         return found

@@ -61,10 +61,10 @@ class Recorder:
         for event, now in heard:
             if now < self._log.began:
                 continue
-            for name, sample in converted(event, now):
+            for name, values in converted(event):
                 self.count += 1
-                values = tuple(map(plain, sample.values))
-                self._log.note(SampleTaken(time=self._since_start(now), sensor=name, values=values))
+                sample = SampleTaken(time=self._since_start(now), sensor=name, values=tuple(map(plain, values)))
+                self._log.note(sample)
             if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
                 self.count += 1
                 readings = tuple((round((angle + self._front) % math.tau, 5), round(reach, 5)) for angle, reach in turn)

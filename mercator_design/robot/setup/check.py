@@ -157,21 +157,24 @@ def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
 
 
+def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> Finding:  # noqa: ANN401 - its other fields
+    """A finding, with the remedy behind its words if something is wrong."""
+    return Finding(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
+
+
 def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     link = Link([line])
     found = wake_rvr(link)
     words = found.words()
     for processor, min_version in _MIN_FIRMWARE.items():
-        is_fine = found.firmware[processor] >= min_version
-        advice = "" if is_fine else "; update it with the app Sphero Edu"
-        name = firmware_name(processor)
-        yield Finding(name.replace("_", " "), is_fine, words[name] + advice)
+        name, is_fine = firmware_name(processor), found.firmware[processor] >= min_version
+        yield _judged(name.replace("_", " "), is_fine, words[name], "update it with the app Sphero Edu")
     limits = settings.limits
     is_critical = found.battery < limits.battery_critical or found.battery_state == CRITICAL
     is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
-    advice = f"; it is {'critical: no run starts' if is_critical else 'low'}: charge it" if is_low else ""
+    remedy = f"it is {'critical: no run starts' if is_critical else 'low'}: charge it"
     level = words["battery"]
-    yield Finding("battery", not is_low, level + advice, device="rvr", quantity="battery", value=level)
+    yield _judged("battery", not is_low, level, remedy, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
     echoes, asked, before = 0, round(DURATION / _ECHO_EVERY), link.counts()["rvr"]
     try:
@@ -184,17 +187,16 @@ def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
     finally:
         end_streaming(link)
     yield _of_line("rvr", settings, link, before)
-    min_share = settings.limits.rvr_whole
-    is_fine = echoes >= asked * warning_share(min_share)  # as a run warns; it counts answers to commands
-    advice = "" if is_fine else f"; a run stops below {percent(min_share)}; {link.damage_remedy('rvr')}"
-    yield Finding("rvr's echoes", is_fine, f"{echoes} of {asked} came back{advice}")
+    is_fine = echoes >= asked * warning_share(limits.rvr_whole)  # as a run warns; it counts answers to commands
+    remedy = f"a run stops below {percent(limits.rvr_whole)}; {link.damage_remedy('rvr')}"
+    yield _judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
 
 
 def _of_motors(heat: Mapping[str, Any]) -> Finding:
     temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
     hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
-    advice = f"; {' and '.join(hot)} too hot: let it cool, and leave the RVR switched on" if hot else ""
-    return Finding("motors", not hot, f"{temperatures} degrees{advice}")
+    remedy = f"{' and '.join(hot)} too hot: let it cool, and leave the RVR switched on"
+    return _judged("motors", not hot, f"{temperatures} degrees", remedy)
 
 
 def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None) -> Finding:
@@ -206,10 +208,8 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     is_fine = whole >= warning_share(min_share)
     value = f"{100.0 * whole:.1f} % arrives whole"
     words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
-    advice = (
-        "" if is_fine else f"; in a run it counts as silent below {percent(min_share)}; {link.damage_remedy(device)}"
-    )
-    return Finding(f"{device}'s line", is_fine, words + advice, device=device, quantity="line", value=value)
+    remedy = f"in a run it counts as silent below {percent(min_share)}; {link.damage_remedy(device)}"
+    return _judged(f"{device}'s line", is_fine, words, remedy, device=device, quantity="line", value=value)
 
 
 def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
@@ -231,9 +231,8 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
     swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
     yield _of_line("lidar", settings, link, before, swept)
     rate = _rate([now for now, _ in sights])
-    is_fine = rate >= _MIN_TURNS
-    advice = "" if is_fine else "; does its motor turn? It needs 5 V and 1 A, and a cable for both"
-    yield Finding("lidar's turns", is_fine, f"{rate:.1f} a second" + advice)
+    remedy = "does its motor turn? It needs 5 V and 1 A, and a cable for both"
+    yield _judged("lidar's turns", rate >= _MIN_TURNS, f"{rate:.1f} a second", remedy)
     if sights:
         _, seen = sights[len(sights) // 2]
         sees = seen >= MIN_READINGS
@@ -264,9 +263,7 @@ def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
     found = [(event, now) for event, now in heard if isinstance(event, Distances)]
     yield _of_line("proximity", settings, link, before)
     rate = _rate([now for _, now in found])
-    is_fine = rate >= _MIN_DISTANCES
-    advice = "" if is_fine else f"; {link.remedy('proximity')}"
-    yield Finding("hub", is_fine, f"{rate:.1f} measurements a second" + advice)
+    yield _judged("hub", rate >= _MIN_DISTANCES, f"{rate:.1f} measurements a second", link.remedy("proximity"))
     if not found:
         return
     last, _ = found[-1]

@@ -5,8 +5,7 @@ from collections.abc import Iterable
 import click
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.cli.options import ROBOT, WITHOUT
-from mercator_design.robot.cli.rows import show
+from mercator_design.robot.cli.options import ROBOT, WITHOUT, show
 from mercator_design.robot.devices.findings import Finding
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings

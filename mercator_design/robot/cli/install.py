@@ -7,8 +7,7 @@ import click
 
 from mercator_design.command import print_message, print_result
 from mercator_design.errors import RobotError
-from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of
-from mercator_design.robot.cli.rows import show
+from mercator_design.robot.cli.options import DURATION, ROBOT_FILE, SEED, settings_of, show
 from mercator_design.robot.devices.ports import user_name
 from mercator_design.robot.setup import install as installation
 

@@ -1,16 +1,17 @@
-"""Options of several verbs."""
+"""Options of several verbs, and their output."""
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
 
-from mercator_design.command import FILE, NumberRange
-from mercator_design.errors import SettingsError
+from mercator_design.command import FILE, NumberRange, print_result
+from mercator_design.errors import RobotError, SettingsError, printable
+from mercator_design.robot.devices.findings import Finding
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES
 from mercator_design.robot.devices.settings import Settings, read_settings
 from mercator_design.system.files import writing
@@ -89,3 +90,25 @@ def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:
 ROBOT = _robot(_SETTINGS, settings_of)
 ROBOT_FILE = _robot(_FILE, lambda path: path)
 """The option of verbs that change the file."""
+
+
+def show(findings: Iterable[Finding]) -> None:
+    """Print a row for each finding as it comes; go on if a row cannot be written.
+
+    Raises:
+        OSError: in the end, if a row was not written.
+        RobotError: in the end, if there is a fault.
+    """
+    wrong, unwritten = 0, None
+    for finding in findings:
+        wrong += not finding.is_fine
+        mark = ("look " if finding.is_unclear else "ok   ") if finding.is_fine else "WRONG"
+        row = f"{mark}  {finding.what:<26} {finding.words}"
+        try:
+            print_result(printable(row))
+        except OSError as error:
+            unwritten = error
+    if unwritten is not None:
+        raise unwritten
+    if wrong:
+        raise RobotError(f"{wrong} wrong")

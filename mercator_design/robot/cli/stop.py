@@ -10,8 +10,7 @@ from mercator_design.command import FILE, print_message, print_result
 from mercator_design.config.loading import text_of
 from mercator_design.config.schema import FieldError
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
-from mercator_design.robot.cli.options import ROBOT
-from mercator_design.robot.cli.rows import show
+from mercator_design.robot.cli.options import ROBOT, show
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, check_key
 from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safe_stop import safe_stop

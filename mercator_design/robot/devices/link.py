@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DeviceName, Line
-from mercator_design.robot.devices.remedies import DAMAGED_LINE, HEARD_BEFORE, JOINED, NEVER_HEARD
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.framing import Counts, Decoder
 from mercator_design.robot.protocols.rvr import Flags, Notification, Response, Unknown
@@ -23,6 +22,29 @@ _TRIES = 5  # of a question
 _MAX_BACKLOG = 1.0  # [s] for reading the system's full buffers
 _PAUSE = 0.004  # [s] between two messages of a device, except of a lidar that scans
 _MUCH = 1000  # bytes without meaning from a device that was understood; a few are normal after a start
+_NEVER_HEARD: Mapping[DeviceName, str] = {
+    "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
+    "turns it on), and this computer's at 115200 baud whatever its clock (enable_uart=1)? Are TX and RX crossed? Is a "
+    "login shell on the port (raspi-config)? Do its lamps flash yellow (more than 2.15 A; switch it off and on)? Does "
+    "the UART work (run `mercator-robot check` with TX and RX joined in place of the RVR)?",
+    "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which sends at 128000 baud?",
+    "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
+    "plugged in?",
+}
+_HEARD_BEFORE: Mapping[DeviceName, str] = {
+    "rvr": "it was heard before: has it still power, is a wire loose, or is this computer too busy?",
+    "lidar": "it was heard before: has it power (5 V, 1 A, and more while its motor starts), does its motor turn, is a "
+    "cable loose, or is this computer too busy?",
+    "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy?",
+}
+_DAMAGED_LINE: Mapping[DeviceName, str] = {
+    "rvr": "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud "
+    "whatever its clock (enable_uart=1)?",
+    "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which sends at 128000 baud?",
+    "proximity": "is its USB cable loose, too long, or beside one of a motor?",
+}
+_JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
+"""What to check if a device has sent nothing, sends no more or sends damaged data, or the RVR's port hears itself."""
 
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
 E = TypeVar("E", bound=Event)
@@ -132,12 +154,12 @@ class Link:
 
     def damage_remedy(self, device: DeviceName) -> str:
         """What to check if too many bytes to or from a device are damaged, and its port."""
-        return f"{DAMAGED_LINE[device]} ({device} on {self.port(device)})"
+        return f"{_DAMAGED_LINE[device]} ({device} on {self.port(device)})"
 
     def _remedy(self, device: DeviceName) -> str:
         if device == "rvr" and self._is_joined:
-            return JOINED
-        remedy = (HEARD_BEFORE if device in self._understood else NEVER_HEARD)[device]
+            return _JOINED
+        remedy = (_HEARD_BEFORE if device in self._understood else _NEVER_HEARD)[device]
         lost = self._decoders[device].counts.lost
         if lost <= (_MUCH if device in self._understood else 0):
             return remedy

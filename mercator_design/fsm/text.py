@@ -160,7 +160,8 @@ class _TokenReader:
 
     def _state(self, i: int, n: int) -> State:
         place = f"state {i}"
-        module = self._module(f"--s{i}", f"the behaviour of {place}", self._behaviours)
+        what = f"the behaviour of {place}"
+        module = self._known(f"--s{i}", self._value(f"--s{i}", what), what, self._behaviours)
         flags = {f"--{flag}{i}" for flag in _flags(BEHAVIOURS)}
         parameters = self._values(place, module, self._gather(flags), f"{i}")
         transitions: tuple[Transition, ...] = ()
@@ -207,9 +208,6 @@ class _TokenReader:
                 expected = "no transition, as there is no other state"
             raise FsmError(f"{flag}, {what}: expected {expected}, found {value}")
         return int(value)
-
-    def _module(self, flag: str, what: str, known: Mapping[int, Module]) -> Module:
-        return self._known(flag, self._value(flag, what), what, known)
 
     def _known(self, flag: str, value: str, what: str, known: Mapping[int, Module]) -> Module:
         if not _INTEGER.fullmatch(value) or int(value) not in known:

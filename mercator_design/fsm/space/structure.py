@@ -173,13 +173,13 @@ class _States:
             return False
         place = self._any_of(places)
         one = self._at(*place)
-        k = self._below(len(one.parameters))
+        k = self._any_of(range(len(one.parameters)))
         value = self._near(one.module.parameters[k], one.parameters[k])
         self._put(*place, replace(one, parameters=(*one.parameters[:k], value, *one.parameters[k + 1 :])))
         return True
 
     def change_behaviour(self) -> bool:
-        i = self._below(len(self.states))
+        i = self._any_of(range(len(self.states)))
         module = self._any_of([m for m in self._behaviours if m.name != self.states[i].behaviour])
         self.states[i] = replace(self.states[i], behaviour=module.name, parameters=self._values(module))
         return True
@@ -233,7 +233,7 @@ class _States:
         module = self._any_of(self._behaviours)
         self.states.append(State(module.name, self._values(module)))
         self._connect(i, new)
-        self._connect(new, self._below(new))
+        self._connect(new, self._any_of(range(new)))
         return True
 
     def split_state(self) -> bool:
@@ -259,7 +259,7 @@ class _States:
         n = len(self.states)
         if n == 1:
             return False
-        gone = self._below(n)
+        gone = self._any_of(range(n))
         after = [edge.target for edge in self.states[gone].transitions]
         rest = [k for k in range(n) if k != gone]
         for k in rest:
@@ -310,9 +310,6 @@ class _States:
         place = place_of(parameter, value) + _STEP * self._draws.normal()
         anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
         return value_at(parameter, self._draws.random() if anywhere else place)
-
-    def _below(self, n: int) -> int:
-        return min(int(self._draws.random() * n), n - 1)
 
     def _any_of(self, some: Sequence[T]) -> T:
         return any_of(some, self._draws)

@@ -33,18 +33,13 @@ class Difference:
 def difference(one: Pfsm, other: Pfsm, names: Sequence[str], other_names: Sequence[str]) -> Difference:
     """How a PFSM, with its names of states, differs from one other."""
     match = _match(one, other)
-    changes = (*_of_flavour(one, other), *_changes(one, other, names, other_names, match))
+    changes = tuple(_changes(one, other, names, other_names, match))
     if (one.flavour, one.states) == (other.flavour, other.states):
         return Difference("same", ())
     if not changes:
         return Difference("renumbered", ())
     alike = canonical(one) == canonical(replace(other, flavour=one.flavour))
     return Difference("equivalent" if alike else "different", changes)
-
-
-def _of_flavour(one: Pfsm, other: Pfsm) -> Iterator[str]:
-    if one.flavour != other.flavour:
-        yield f"the flavour is {other.flavour}, was {one.flavour}"
 
 
 _Match = tuple[tuple[int | None, int | None], ...]
@@ -106,6 +101,8 @@ def _changes(one: Pfsm, other: Pfsm, names: Sequence[str], other_names: Sequence
     """The changes; states of both are called by their names in the first PFSM."""
     places = dict(match)
     called = {k: f"'{names[i]}'" if i is not None else f"the new '{other_names[k]}'" for i, k in match if k is not None}
+    if one.flavour != other.flavour:
+        yield f"the flavour is {other.flavour}, was {one.flavour}"
     if places[0] != 0:
         yield f"robots begin in {called[0]}, before in '{names[0]}'"
     for i, k in match:

@@ -172,7 +172,7 @@ def _wrong(path: str, error: OSError) -> str:
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
-        case errno.EACCES | errno.EPERM if not _is_of_group(path):
+        case errno.EACCES | errno.EPERM if Path(path).stat().st_mode & _OF_GROUP != _OF_GROUP:  # while a shell has it
             return (
                 "no permission, and its group has none either; is a login shell on it (raspi-config), or is it "
                 "of another user?"
@@ -184,11 +184,6 @@ def _wrong(path: str, error: OSError) -> str:
         case errno.EISDIR | None:  # None: it could be opened, but takes no baud rate
             return "not a serial port"
     return str(error)
-
-
-def _is_of_group(path: str) -> bool:
-    """Whether the members of a port's group may use it; while a login shell has the port, they may not."""
-    return Path(path).stat().st_mode & _OF_GROUP == _OF_GROUP
 
 
 def _in_use(users: list[str]) -> str:

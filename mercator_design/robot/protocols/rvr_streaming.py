@@ -46,13 +46,7 @@ class Service:
 _NORDIC, _ST, _BOTH = (Processor.NORDIC,), (Processor.ST,), (Processor.NORDIC, Processor.ST)
 _CHANNEL, _HALF, _TICKS = range(256), range(2**32), range(-(2**31), 2**31)
 _IMU: dict[str, Attribute] = {"pitch": (-180.0, 180.0), "roll": (-90.0, 90.0), "yaw": (-180.0, 180.0)}
-_COLOR: dict[str, Attribute] = {
-    "r": _CHANNEL,
-    "g": _CHANNEL,
-    "b": _CHANNEL,
-    "index": _CHANNEL,
-    "confidence": (0.0, 1.0),
-}
+_COLOR: dict[str, Attribute] = {**dict.fromkeys(("r", "g", "b", "index"), _CHANNEL), "confidence": (0.0, 1.0)}
 SERVICES = {
     "quaternion": Service(0x0, _ST, 1, 4, dict.fromkeys("wxyz", (-1.0, 1.0))),
     "imu": Service(0x1, _ST, 1, 4, _IMU),  # degrees

@@ -79,7 +79,8 @@ class TwinRvr:
         )
         self._temperatures = [_TEMPERATURE] * 2  # of the motors
         self._said: list[bytes] = []
-        self._obeyed_by = {name: part for part in (self, self._senses, self.drive) for name in _names(part)}
+        parts = (self, self._senses, self.drive)
+        self._obeyed_by = {name: part for part in parts for name in COMMANDS if hasattr(part, name)}
 
     @property
     def is_awake(self) -> bool:
@@ -269,8 +270,3 @@ class TwinRvr:
         """Red, green, blue of one of the `LIGHTS`, 0 to 255."""
         red, green, blue = self.leds[LIGHTS[name] : LIGHTS[name] + 3]
         return red, green, blue
-
-
-def _names(part: object) -> list[str]:
-    """The commands that a part of the robot executes."""
-    return [name for name in COMMANDS if hasattr(part, name)]

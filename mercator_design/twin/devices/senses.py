@@ -58,8 +58,10 @@ class TwinSenses:
                 self._streams[processor] = period, next_due(due, period, self.now)
         if self._colours is not None and self.now >= self._colours[1]:
             period, due, min_confidence = self._colours
-            if 255 * self._confidence() >= min_confidence:
-                said.append(self._colour_notification())
+            red, green, blue = self._colour()
+            values: dict[str, Any] = {"red": red, "green": green, "blue": blue, "confidence": 255 * self._lamp}
+            if values["confidence"] >= min_confidence:
+                said.append(self._line.notify("color_detection", **values, color_classification_id=_NO_CLASS))
             self._colours = period, next_due(due, period, self.now), min_confidence
         if self.now >= self._calibrated:
             north = round(wrapped(math.degrees(math.pi / 2 - self._zero)))
@@ -135,24 +137,9 @@ class TwinSenses:
         x, y = self._measure("locator")
         return x, y
 
-    def _confidence(self) -> float:
-        return 1.0 if self._lamp else 0.0
-
     def _colour(self) -> tuple[int, int, int]:
         red, green, blue = map(round, self._measure("ground_sensors")) if self._lamp else (0, 0, 0)
         return red, green, blue
-
-    def _colour_notification(self) -> bytes:
-        red, green, blue = self._colour()
-        confidence = round(255 * self._confidence())
-        return self._line.notify(
-            "color_detection",
-            red=red,
-            green=green,
-            blue=blue,
-            confidence=confidence,
-            color_classification_id=_NO_CLASS,
-        )
 
     def _stream(self, processor: Processor, slot: int) -> bytes:
         services = self._line.slots.of(processor)[slot]
@@ -179,7 +166,7 @@ class TwinSenses:
             case "speed":
                 return (math.hypot(*self._measure("velocity")),)
             case "color_detection":
-                return *self._colour(), _NO_CLASS, self._confidence()
+                return *self._colour(), _NO_CLASS, float(self._lamp)
             case "core_time":
                 return divmod(round(1000 * self.now), 1 << 32)
             case "encoders":

@@ -26,17 +26,13 @@ exec python3 {PROGRAM} check --json "$@"
 
 @dataclass
 class Checked:
-    """The findings on a robot.
-
-    is_done: Whether the check has ended.
-    failure: Why the check could not run to its end; empty if it did.
-    """
+    """The findings on a robot."""
 
     robot: RemoteRobot
     findings: list[Finding] = field(default_factory=list)
-    is_done: bool = False
+    is_done: bool = False  # whether the check has ended
     clock: Clock = field(default_factory=Clock)
-    failure: str = ""
+    failure: str = ""  # why the check could not run to its end; empty if it did
 
     def cell(self, column: str) -> str:
         """The text in a column of the table: one of COLUMNS, or `clock`."""

@@ -32,18 +32,12 @@ exit $code
 
 @dataclass(frozen=True)
 class Start:
-    """The result of a joint start.
+    """The result of a joint start."""
 
-    results: The outcome on each robot.
-    why: Why no robot runs; empty if all run.
-    spread: Time from the start of the first robot to that of the last [s].
-    uncertainty: The uncertainty of `spread` [s].
-    """
-
-    results: list[RobotOutcome]
-    why: str
-    spread: float = 0.0
-    uncertainty: float = 0.0
+    results: list[RobotOutcome]  # on each robot
+    why: str  # why no robot runs; empty if all run
+    spread: float = 0.0  # [s] from the start of the first robot to that of the last
+    uncertainty: float = 0.0  # [s] of `spread`
 
 
 def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) -> Start:

@@ -25,16 +25,11 @@ _YAML_BEGINS = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FsmFile:
-    """What a file of a PFSM holds.
-
-    pfsm: The PFSM.
-    header: What is known of it: the comment lines of an fsm.txt, or `header` of an fsm.yaml.
-    names: The names of its states; by default those of their behaviours.
-    """
+    """What a file of a PFSM holds."""
 
     pfsm: Pfsm
-    header: Mapping[str, str]
-    names: tuple[str, ...] = ()
+    header: Mapping[str, str]  # what is known of it: the comment lines of an fsm.txt, or `header` of an fsm.yaml
+    names: tuple[str, ...] = ()  # of its states; by default those of their behaviours
 
     def __post_init__(self) -> None:
         if not self.names:

@@ -34,18 +34,12 @@ _PIECE = 0.001  # [s] between deliveries of bytes on a busy line
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Duration and punctuality of a run of the twin.
+    """Duration and punctuality of a run of the twin."""
 
-    duration: Duration of the run [s].
-    cpu: Seconds of a processor for each second.
-    latest: Maximum delay of a step [s].
-    dropped: Bytes that no client read in time.
-    """
-
-    duration: float
-    cpu: float
-    latest: float
-    dropped: int
+    duration: float  # [s]
+    cpu: float  # seconds of a processor for each second
+    latest: float  # [s] of the greatest delay of a step
+    dropped: int  # bytes that no client read in time
 
 
 class Wire:

@@ -10,22 +10,15 @@ from mercator_design.robot.devices.settings import Settings
 
 
 class Finding(NamedTuple):
-    """The result of a check or a step, with the remedy if something is wrong.
+    """The result of a check or a step, with the remedy if something is wrong."""
 
-    what: The thing that was checked, or the step.
-    is_unclear: Whether a person has to judge it.
-    device: The device that `value` is about.
-    quantity: What `value` says about the device; None if the finding has no value.
-    value: The result in few words, for a table.
-    """
-
-    what: str
+    what: str  # what was checked, or the step
     is_fine: bool
     words: str
-    is_unclear: bool = False
-    device: DeviceName | None = None
-    quantity: Literal["presence", "battery", "line"] | None = None
-    value: str = ""
+    is_unclear: bool = False  # whether a person has to judge it
+    device: DeviceName | None = None  # which `value` is about
+    quantity: Literal["presence", "battery", "line"] | None = None  # what `value` says; None: nothing
+    value: str = ""  # the result in few words, for a table
 
 
 DeviceCheck: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]

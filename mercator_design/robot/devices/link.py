@@ -52,13 +52,10 @@ _Decoder: TypeAlias = rvr.Host | Decoder[ydlidar.Event] | Decoder[multiflex.Even
 
 
 class Heard(NamedTuple):
-    """An event of a device.
-
-    time: When it was read [s, of time.monotonic()].
-    """
+    """An event of a device."""
 
     event: Event
-    time: float
+    time: float  # when it was read [s, of time.monotonic()]
 
 
 class Link:

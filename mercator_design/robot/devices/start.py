@@ -22,16 +22,11 @@ _WAKING = 2.0  # [s] for the RVR to wake up
 
 
 class RvrIdentity(NamedTuple):
-    """Firmware and battery of an RVR.
+    """Firmware and battery of an RVR."""
 
-    firmware: Major and minor number and revision of each processor.
-    battery: Charge [%].
-    battery_state: 0 unknown, 1 good, 2 low, 3 critical.
-    """
-
-    firmware: Mapping[Processor, tuple[int, int, int]]
-    battery: int
-    battery_state: int
+    firmware: Mapping[Processor, tuple[int, int, int]]  # major and minor number and revision
+    battery: int  # [%] of charge
+    battery_state: int  # 0 unknown, 1 good, 2 low, 3 critical
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
@@ -40,14 +35,10 @@ class RvrIdentity(NamedTuple):
 
 
 class Lidar(NamedTuple):
-    """Identity and health of a lidar.
+    """Identity and health of a lidar."""
 
-    info: Its identity; None if no two answers were the same.
-    warning: Code of its warning; None if there is none.
-    """
-
-    info: DeviceInfo | None
-    warning: int | None
+    info: DeviceInfo | None  # None if no two answers were the same
+    warning: int | None  # its code; None if there is none
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""

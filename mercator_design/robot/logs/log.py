@@ -214,21 +214,16 @@ def understanding(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """A controller's decision in a cycle.
-
-    time: Time since the start of the log [s].
-    condition: Condition of the transition that was taken; empty if none was.
-    differs: How this decision differs from the log; empty if it does not.
-    """
+    """A controller's decision in a cycle."""
 
     cycle: int
-    time: float
+    time: float  # [s] since the start of the log
     state: int
     next_state: int
-    condition: str
+    condition: str  # of the transition that was taken; empty if none was
     readings: Readings
     wheels: Wheels
-    differs: str
+    differs: str  # how this decision differs from the log; empty if it does not
 
 
 def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:

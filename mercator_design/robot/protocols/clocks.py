@@ -22,16 +22,11 @@ _MAX_NUMBER = 1e12
 
 
 class Difference(NamedTuple):
-    """The difference between the clocks of this computer and those of another.
+    """The difference between the clocks of this computer and those of another."""
 
-    offset: Time to add to the other's monotonic clock to get this one's [s].
-    ahead: How far the other's time of day is ahead of this one's [s].
-    uncertainty: Upper limit of the error of both [s].
-    """
-
-    offset: float
-    ahead: float
-    uncertainty: float
+    offset: float  # [s] to add to the other's monotonic clock to get this one's
+    ahead: float  # [s] by which the other's time of day is ahead of this one's
+    uncertainty: float  # [s] upper limit of the error of both
 
 
 def to_line(say: str, **values: object) -> str:

@@ -8,16 +8,11 @@ Event = TypeVar("Event")
 
 
 class Counts(NamedTuple):
-    """Counts of the bytes that came over a line.
-
-    received: Number of bytes.
-    lost: Number of bytes outside of valid frames.
-    refused: Number of frame starts among the lost bytes.
-    """
+    """Counts of the bytes that came over a line."""
 
     received: int = 0
-    lost: int = 0
-    refused: int = 0
+    lost: int = 0  # outside of valid frames
+    refused: int = 0  # frame starts among the lost bytes
 
 
 class Decoder(Generic[Event]):

@@ -52,16 +52,11 @@ _MAX_LEAD = 60.0  # [s] to a start
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The leader's clock, as the leader has measured it for a follower.
+    """The leader's clock, as the leader has measured it for a follower."""
 
-    host: The leader's host name.
-    offset: Time to add to the follower's monotonic clock to get the leader's time of day [s].
-    uncertainty: Upper limit of the error of the offset [s].
-    """
-
-    host: str
-    offset: float
-    uncertainty: float
+    host: str  # the leader's name
+    offset: float  # [s] to add to the follower's monotonic clock to get the leader's time of day
+    uncertainty: float  # [s] upper limit of the error of the offset
 
 
 class Follower:

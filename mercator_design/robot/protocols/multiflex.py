@@ -48,14 +48,10 @@ def crc8(data: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """What the sensors measured (data sheet, 4.2).
+    """What the sensors measured (data sheet, 4.2)."""
 
-    millimetres: The distance of each sensor; 65535 if there is none.
-    mask: Bit i is set if sensor i is in use.
-    """
-
-    millimetres: tuple[int, ...]
-    mask: int = 0xFF
+    millimetres: tuple[int, ...]  # of each sensor; 65535 if there is none
+    mask: int = 0xFF  # bit i is set if sensor i is in use
 
     def metres(self) -> list[float]:
         """The distances [m]: inf if nothing is in sight, -inf if something is too near, NaN if the sensor is off."""

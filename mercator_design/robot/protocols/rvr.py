@@ -59,21 +59,16 @@ _FOLLOW = (_TARGET, _SOURCE, _RESPONSE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The fields between 8D and D8.
-
-    flags: Flags without TARGET, SOURCE and RESPONSE, which follow from the other fields.
-    target, source: A port in the high four bits, a processor in the low ones; None if there is none.
-    error: The error of a response; None in a command or notification.
-    """
+    """The fields between 8D and D8."""
 
     did: int
     cid: int
     seq: int
     data: bytes = b""
-    flags: Flags = Flags.ACTIVITY
-    target: int | None = None
-    source: int | None = None
-    error: int | None = None
+    flags: Flags = Flags.ACTIVITY  # without TARGET, SOURCE and RESPONSE, which follow from the other fields
+    target: int | None = None  # port in the high four bits, processor in the low ones; None if there is none
+    source: int | None = None  # as the target
+    error: int | None = None  # of a response; None in a command or notification
 
     def encode(self) -> bytes:
         """The frame as it goes over the line."""
@@ -131,17 +126,13 @@ class RvrCommand:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The robot's answer to a command; it has values only if the command succeeded.
-
-    error: One of `Error`, or a number that none of the maker's documents has.
-    seq: The number of the command.
-    """
+    """The robot's answer to a command; it has values only if the command succeeded."""
 
     name: str
     processor: Processor
     values: Values
-    error: int
-    seq: int
+    error: int  # one of `Error`, or a number that none of the maker's documents has
+    seq: int  # of the command
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,13 +146,10 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A frame without meaning: of an unknown message, with too few data, or a response to no command.
-
-    error: The error with which a robot refuses such a command.
-    """
+    """A frame without meaning: of an unknown message, with too few data, or a response to no command."""
 
     frame: Frame
-    error: Error
+    error: Error  # with which a robot refuses such a command
 
 
 class Host:

@@ -111,22 +111,14 @@ def _lit(values: Values) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A command with its response, or a notification.
+    """A command with its response, or a notification."""
 
-    name: The maker's name.
-    did: Number of the device: a group of messages.
-    cid: Number of the message in its device.
-    processors: Those that take the command or send the notification; the first gets a command by default.
-    carries: Values of the command or notification.
-    returns: Values of a successful response; None if it has none.
-    """
-
-    name: str
-    did: int
-    cid: int
-    processors: tuple[Processor, ...]
-    carries: MessageLayout
-    returns: MessageLayout | None = None
+    name: str  # the maker's
+    did: int  # number of the device: a group of messages
+    cid: int  # number of the message in its device
+    processors: tuple[Processor, ...]  # that take the command or send the notification; the first is the usual one
+    carries: MessageLayout  # values of the command or notification
+    returns: MessageLayout | None = None  # values of a successful response; None if it has none
 
 
 _COMMANDS = """

@@ -25,16 +25,12 @@ Attribute: TypeAlias = tuple[float, float] | range
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A service that processors can stream.
-
-    slot: Number of its slot, as in the SDK.
-    size: Bytes of each of its integers, as in the SDK; 1, 2 or 4.
-    """
+    """A service that processors can stream."""
 
     id: int
     processors: tuple[Processor, ...]
-    slot: int
-    size: int
+    slot: int  # as in the SDK
+    size: int  # bytes of each of its integers, as in the SDK; 1, 2 or 4
     attributes: Mapping[str, Attribute]
 
     @property
@@ -67,16 +63,12 @@ _SIZES = (1, 2, 4)
 
 @dataclass(frozen=True, slots=True)
 class StreamData:
-    """The values of a processor's slot.
-
-    is_valid: Whether the robot marks the values as good.
-    values: Values by service and attribute.
-    """
+    """The values of a processor's slot."""
 
     processor: Processor
     slot: int
-    is_valid: bool
-    values: Mapping[str, Mapping[str, float]]
+    is_valid: bool  # whether the robot marks the values as good
+    values: Mapping[str, Mapping[str, float]]  # by service and attribute
 
 
 def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Processor, dict[str, Any]]]:

@@ -62,19 +62,13 @@ def correction(range_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A part of a turn (manual, 3.1).
+    """A part of a turn (manual, 3.1)."""
 
-    first, last: Angles of the first and last sample [degrees / 64, clockwise], before correction.
-    samples: Ranges [mm / 4]; 0 where nothing came back.
-    is_ring_start: Whether a turn begins.
-    frequency: Turns per second [Hz / 10], which a ring start may have; else 0.
-    """
-
-    first: int
-    last: int
-    samples: tuple[int, ...]
-    is_ring_start: bool = False
-    frequency: int = 0
+    first: int  # angle of the first sample [degrees / 64, clockwise], before correction
+    last: int  # that of the last one
+    samples: tuple[int, ...]  # ranges [mm / 4]; 0 where nothing came back
+    is_ring_start: bool = False  # whether a turn begins
+    frequency: int = 0  # turns per second [Hz / 10], which a ring start may have; else 0
 
     @property
     def is_suspect(self) -> bool:
@@ -101,17 +95,12 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """The identity of the device (manual, 3.3).
+    """The identity of the device (manual, 3.3)."""
 
-    model: 6 for an X4.
-    firmware: Major and minor number, as the SDK reads them; the manual has them the other way round.
-    serial: Sixteen digits.
-    """
-
-    model: int
-    firmware: tuple[int, int]
+    model: int  # 6 for an X4
+    firmware: tuple[int, int]  # major and minor number, as the SDK reads them; the manual has them the other way round
     hardware: int
-    serial: str
+    serial: str  # sixteen digits
 
     def encode(self) -> bytes:
         """The answer to `device_info`."""
@@ -121,12 +110,9 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of the device (manual, 3.4).
+    """The health of the device (manual, 3.4)."""
 
-    status: 0 for good, 1 for a warning, 2 for an error.
-    """
-
-    status: int
+    status: int  # 0 for good, 1 for a warning, 2 for an error
     error_code: int = 0
 
     def encode(self) -> bytes:

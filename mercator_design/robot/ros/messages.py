@@ -17,16 +17,11 @@ Fields: TypeAlias = dict[str, Any]
 
 
 class Topic(NamedTuple):
-    """A published topic.
+    """A published topic."""
 
-    type: Type of its messages.
-    latched: Whether a new subscriber gets the last message at once.
-    queue: Number of messages that wait for a slow subscriber.
-    """
-
-    type: str
-    latched: bool
-    queue: int = 10
+    type: str  # of its messages
+    latched: bool  # whether a new subscriber gets the last message at once
+    queue: int = 10  # messages that wait for a slow subscriber
 
 
 PUBLISHED: Mapping[str, Topic] = {

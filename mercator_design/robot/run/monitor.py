@@ -26,13 +26,10 @@ _MAX_WAITING = 100
 
 
 class Note(NamedTuple):
-    """A note for the log.
-
-    matters: Whether users should see it at once.
-    """
+    """A note for the log."""
 
     text: str
-    matters: bool = False
+    matters: bool = False  # whether users should see it at once
 
 
 class Notes:

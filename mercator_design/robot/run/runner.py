@@ -27,20 +27,13 @@ from mercator_design.robot.run.service import notify
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """The PFSM of a run and its options.
-
-    file: The PFSM and its header.
-    seed: Seed of the draws.
-    duration: Duration [s]; None: until something stops the run.
-    is_dry: Whether the wheels stay at rest.
-    without: Devices that are not used, as they are broken or missing; the PFSM does not need them.
-    """
+    """The PFSM of a run and its options."""
 
     file: FsmFile
-    seed: int
-    duration: float | None = None
-    is_dry: bool = False
-    without: tuple[DeviceName, ...] = ()
+    seed: int  # of the draws
+    duration: float | None = None  # [s]; None: until something stops the run
+    is_dry: bool = False  # whether the wheels stay at rest
+    without: tuple[DeviceName, ...] = ()  # not used, as they are broken or missing; the PFSM does not need them
 
     @property
     def period(self) -> float:

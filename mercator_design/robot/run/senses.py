@@ -26,16 +26,11 @@ cosine of 90 degrees, 6e-17, as in simulation; rounding of the RVR's yaw must no
 
 
 class Stale(NamedTuple):
-    """A sample that is too old, or of a line with too much damage.
+    """A sample that is too old, or of a line with too much damage."""
 
-    device: The device that sends it.
-    words: The fault.
-    is_damaged: Whether too little of the line arrives whole.
-    """
-
-    device: DeviceName
-    words: str
-    is_damaged: bool = False
+    device: DeviceName  # that sends it
+    words: str  # the fault
+    is_damaged: bool = False  # whether too little of the line arrives whole
 
 
 DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}

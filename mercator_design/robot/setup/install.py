@@ -94,20 +94,13 @@ Restart=no
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """Options of a robot's services.
+    """Options of a robot's services."""
 
-    user: The user that runs them.
-    folder: The folder with fsm.txt; logs go to `logs` there.
-    robot: The robot.yaml; None: the usual settings.
-    duration: Duration of the run that the service starts [s]; None: until it is stopped.
-    seed: Seed of that run; None: a new one each time.
-    """
-
-    user: str
-    folder: Path
-    robot: Path | None
-    duration: float | None = None
-    seed: int | None = None
+    user: str  # that runs them
+    folder: Path  # with fsm.txt; logs go to `logs` there
+    robot: Path | None  # the robot.yaml; None: the usual settings
+    duration: float | None = None  # [s] of the run that the service starts; None: until it is stopped
+    seed: int | None = None  # of that run; None: a new one each time
 
 
 def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[Finding]]:

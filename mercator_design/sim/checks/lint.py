@@ -60,18 +60,12 @@ def _is_twin(one: Transition, other: Transition) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that a person should look at.
+    """Something that a person should look at."""
 
-    code: The kind of finding, for programs.
-    place: The state, or the transition.
-    message: A sentence.
-    is_note: Whether it may well be meant.
-    """
-
-    code: str
-    place: str
-    message: str
-    is_note: bool = False
+    code: str  # the kind of finding, for programs
+    place: str  # the state, or the transition
+    message: str  # a sentence
+    is_note: bool = False  # whether it may well be meant
 
 
 def lint(

@@ -123,9 +123,9 @@ class Senses:
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(angles)
         ground = COLOURS["white"]
-        if self._is_fresh("proximity", now):
+        if self._stale("proximity", now) is None:
             proximity = self.samples["proximity"].values
-        if self._is_fresh("ground", now):
+        if self._stale("ground", now) is None:
             ground = COLOURS[self.label()]
         n = self._find_neighbours(now)
         weights = [proximity_weight(model, distance) for distance in proximity]
@@ -150,7 +150,7 @@ class Senses:
     def _find_neighbours(self, now: float) -> int:
         """Find `neighbours` in the lidar's last turn, if it is fresh; return their number."""
         n = 0
-        if self._is_fresh("lidar", now):
+        if self._stale("lidar", now) is None:
             front = -heading(self.samples, now)
             n = lidar_neighbours(self._model, self.sweep.ranges(), front, STEP, *self._found)
         distances, x, y = self._found
@@ -166,25 +166,19 @@ class Senses:
         """The age of a sample at a time [s]; infinite if there is none."""
         return now - self.samples[name].time if name in self.samples else math.inf
 
-    def _limit(self, name: str) -> float:
-        """The maximum age of a sample [s]."""
-        return float(getattr(self._settings.limits, _DEVICE_OF_SAMPLE[name]))
-
-    def _is_fresh(self, name: str, now: float) -> bool:
-        """Whether a sample is not too old, and enough of its device's line arrives whole."""
-        return self.age(name, now) <= self._limit(name) and not self.lines[_DEVICE_OF_SAMPLE[name]].is_broken
-
     def stale(self, now: float) -> dict[str, Stale]:
         """The samples that are needed and not fresh at a time [s], by name."""
-        stale = {}
-        for name in self._needed:
-            device, limit, age = _DEVICE_OF_SAMPLE[name], self._limit(name), self.age(name, now)
-            line = self.lines[device]
-            if age == math.inf:
-                stale[name] = Stale(device, "nothing yet")
-            elif age > limit:
-                stale[name] = Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
-            elif line.is_broken:
-                found = f"only {percent(line.share)} of what the {device} sends arrives whole"
-                stale[name] = Stale(device, f"{found}; the limit is {percent(line.min_share)}", is_damaged=True)
-        return stale
+        return {name: stale for name in self._needed if (stale := self._stale(name, now)) is not None}
+
+    def _stale(self, name: str, now: float) -> Stale | None:
+        """Why a sample is not fresh; None if it is young enough, and enough of its device's line arrives whole."""
+        device, age = _DEVICE_OF_SAMPLE[name], self.age(name, now)
+        limit, line = getattr(self._settings.limits, device), self.lines[device]
+        if age == math.inf:
+            return Stale(device, "nothing yet")
+        if age > limit:
+            return Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
+        if line.is_broken:
+            found = f"only {percent(line.share)} of what the {device} sends arrives whole"
+            return Stale(device, f"{found}; the limit is {percent(line.min_share)}", is_damaged=True)
+        return None

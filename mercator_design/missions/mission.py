@@ -40,7 +40,6 @@ from mercator_design.scores import EXPECTED, is_score
 
 _MAX_CYCLES = 10_000_000
 """Robots times cycles: their trace has 250 MB."""
-_GRAY = Floor()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +148,7 @@ class Mission(FromFile):
     duration: Annotated[float, Range(0.0, 86_400.0, exclusive_low=True)]  # [s] of an experiment
     control_period: Annotated[float, Range(0.001, 10.0)] = 0.1  # [s] from one control cycle to the next
     arena: Arena
-    floor: Floor = _GRAY
+    floor: Floor = Floor()
     lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
     placement: Placement  # where the robots start
     objective: Objective  # what is scored

@@ -28,13 +28,13 @@ from mercator_design.errors import MissionError, described
 from mercator_design.missions.plugin_files import IMPORTER, Plugin, offer, read_plugin
 from mercator_design.system.interruptions import signals_first
 
-OBJECTIVES: dict[str, Callable[..., float]] = {}
-DYNAMICS: dict[str, Callable[..., "list[tuple[float, ...]]"]] = {}
-
 Score: TypeAlias = Callable[..., float]
+Rows: TypeAlias = Callable[..., list[tuple[float, ...]]]
 Check: TypeAlias = Callable[..., Iterator[FieldError]]
 Change: TypeAlias = Callable[[Any, Floats, Floats, float], None]
 
+OBJECTIVES: dict[str, Score] = {}
+DYNAMICS: dict[str, Rows] = {}
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
@@ -97,9 +97,7 @@ def objective(
     return enter if function is None else enter(function)
 
 
-def dynamic(
-    *, change: Change
-) -> Callable[[Callable[..., list[tuple[float, ...]]]], Callable[..., list[tuple[float, ...]]]]:
+def dynamic(*, change: Change) -> Callable[[Rows], Rows]:
     """Enter a function in DYNAMICS under its name.
 
     Args:
@@ -113,7 +111,7 @@ def dynamic(
         ValueError: as `objective`, and if the kernel is not marked.
     """
 
-    def enter(function: Callable[..., list[tuple[float, ...]]]) -> Callable[..., list[tuple[float, ...]]]:
+    def enter(function: Rows) -> Rows:
         if not jit.is_marked(change):
             raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
         _enter(DYNAMICS, function, "a dynamic")

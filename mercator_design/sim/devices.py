@@ -91,7 +91,7 @@ class Recording:
             SimulationError: if the robot has no such device, or the device needs an experiment that was recorded, or
                 `every` is below 1, or the result would be larger than MAX_SIZE.
         """
-        return self.measure_at(name, self._cycles(every))
+        return self.measure_at(name, every_nth(len(self.history.states), every))
 
     def measure_at(self, name: str, cycles: Numbers) -> Floats:
         """The values of a device in some cycles, by their numbers from 0; errors are those of `measure`."""
@@ -100,7 +100,7 @@ class Recording:
 
     def values(self, name: str) -> int:
         """The number of values of a device in one cycle; errors are those of `measure`."""
-        return self._measured(name, self._cycles(1)[:1]).size
+        return self._measured(name, every_nth(len(self.history.states), 1)[:1]).size
 
     def _measured(self, name: str, cycles: Numbers) -> Floats:
         if name not in DEVICES:
@@ -110,9 +110,6 @@ class Recording:
             raise SimulationError(f"robot {self.robot_model.name} has no {name.replace('_', ' ')}")
         with np.errstate(over="ignore"):  # plain Python warns where a draw's arithmetic wraps around, as it should
             return DEVICES[name](self, sensor, cycles)
-
-    def _cycles(self, every: int) -> Numbers:
-        return every_nth(len(self.history.states), every)
 
     @property
     def headings(self) -> Floats:
@@ -360,7 +357,7 @@ def _scratch(recording: Recording) -> Swarm:
 
 def _finished(
     recording: Recording,
-    sensor: MotionSensor | DeviceWithAxes | AmbientLight,
+    sensor: MotionSensor | AmbientLight,
     number: int,
     cycles: Numbers,
     values: Floats,

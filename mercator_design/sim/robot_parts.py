@@ -258,11 +258,9 @@ class MotionSensor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DeviceWithAxes:
+class DeviceWithAxes(MotionSensor):
     """A sensor of the robot's own motion along the axes that it had at the start."""
 
-    range: Bounds  # between which readings are kept, in the device's unit
-    noise: Noise = None  # on readings, in the device's unit
     forward: Literal["x", "y"] = "y"  # axis that points forwards: the RVR's is y, the Mercator paper's x
 
 

@@ -53,11 +53,11 @@ def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[s
             labels = [
                 label
                 for number, label in enumerate(COLOUR_LABELS)
-                if _never_fires(mission, model, condition, (1.0, float(number)))
+                if not can_fire(mission, model, condition, (1.0, float(number)))
             ]
             if labels:
                 dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(COLOUR_LABELS) else ""))
-        elif _never_fires(mission, model, condition, (1.0, 1.0)):
+        elif not can_fire(mission, model, condition, (1.0, 1.0)):
             dead.append(condition.name)
     return dead
 
@@ -68,16 +68,8 @@ def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tu
         (i, j)
         for i, state in enumerate(pfsm.states)
         for j, transition in enumerate(state.transitions)
-        if _never_fires(mission, model, transition.module, transition.parameters)
+        if not can_fire(mission, model, transition.module, transition.parameters)
     ]
-
-
-def _never_fires(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
-    """Whether a condition on the ground has probability 0 for all readings; False if that is not known."""
-    levels = ground_levels(mission, model)
-    if "ground" not in condition.reads or levels is None:
-        return False
-    return all(condition.function(model.reference_model, readings_on(model, one), parameters) == 0.0 for one in levels)
 
 
 def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: Sequence[float]) -> bool:
@@ -89,7 +81,10 @@ def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: S
 
 def can_fire(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
     """Whether a condition can fire on the floor of a mission; True if that is not known."""
-    return not _never_fires(mission, model, condition, parameters)
+    levels = ground_levels(mission, model)
+    if "ground" not in condition.reads or levels is None:
+        return True
+    return any(condition.function(model.reference_model, readings_on(model, one), parameters) != 0.0 for one in levels)
 
 
 def ground_levels(mission: Mission, model: RobotModel) -> list[RGB] | None:

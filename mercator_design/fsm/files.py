@@ -86,7 +86,6 @@ def _contents(path: Path, max_size: int) -> str:
 
 
 def _is_yaml(text: str) -> bool:
-    """Whether a text is an fsm.yaml."""
     content = (line.strip() for line in text.splitlines())
     first = next((line for line in content if line and not line.startswith("#")), "")
     return _YAML_BEGINS.match(first) is not None
@@ -130,7 +129,6 @@ def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
 def _read_line(
     number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Tell | None
 ) -> FsmFile:
-    """Read a line with a PFSM."""
     header = dict(header)
     named = header.pop(_FLAVOUR, FLAVOURS[0])
     if flavour is None and named not in FLAVOURS:

@@ -39,14 +39,7 @@ from mercator_design.config.schema import (
 from mercator_design.config.writing import Dumper
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.words.modules import (
-    BEHAVIOUR_WORDS,
-    CONDITION_WORDS,
-    MODULES,
-    Words,
-    named_values,
-    number_of,
-)
+from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, MODULES, Words, named_values, number_of
 from mercator_design.fsm.words.names import STATE_NAME
 
 StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
@@ -136,7 +129,6 @@ class NamedPfsm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the states."""
         return tuple(state.name for state in self.states)
 
     def pfsm(self, *, any_domain: bool = False) -> Pfsm:

@@ -102,7 +102,6 @@ class Call:
 
     @property
     def function(self) -> Callable[..., Any]:
-        """The function of the name."""
         return self.FUNCTIONS[self.name]
 
     def values(self) -> Iterator[tuple[Kind, Any, str]]:

@@ -21,15 +21,7 @@ from numpy.typing import NDArray
 from mercator_design.arrays import Floats, Numbers
 from mercator_design.config import spelling
 from mercator_design.config.colours import RGB, Colour, ColourName, rgb
-from mercator_design.config.schema import (
-    FieldError,
-    FilePath,
-    KeywordsOf,
-    Length,
-    Name,
-    Range,
-    checked,
-)
+from mercator_design.config.schema import FieldError, FilePath, KeywordsOf, Length, Name, Range, checked
 from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.calls import Call, copied

@@ -83,12 +83,10 @@ class RectanglePlacement:
     waiting: Annotated[tuple[Pose, ...], Length(0, 1000)] = ()  # where robots stand, and block, until placed
 
     def points(self, u: Floats) -> Floats:
-        """As in `DiscPlacement`."""
         (x, y), (width, height) = self.center, self.size
         return np.column_stack([x + width * (u[0] - 0.5), y + height * (u[1] - 0.5)])
 
     def contains(self, points: Floats) -> Flags:
-        """As in `DiscPlacement`."""
         along, across = (np.abs(points - self.center) <= 0.5 * np.array(self.size)).T
         return np.asarray(along & across, dtype=np.bool_)
 
@@ -120,7 +118,6 @@ class DrawnPlacement:
         return np.asarray(points[which, np.arange(len(which))], dtype=np.float64)
 
     def contains(self, points: Floats) -> Flags:
-        """As in `DiscPlacement`."""
         return np.asarray(np.any([region.contains(points) for region in self.regions], axis=0), dtype=np.bool_)
 
 

@@ -45,7 +45,6 @@ class Outcome:
 
     @property
     def history(self) -> History:
-        """The record of the experiment."""
         return self.recording.history
 
 

@@ -103,7 +103,6 @@ class World:
             )
 
     def instance(self, seed: int) -> Instance:
-        """The instance of a seed."""
         start = self._start(seed)
         scene = self._scene._replace(floor=start.floor.copy())  # which may change
         swarm = new_swarm(

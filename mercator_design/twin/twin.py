@@ -105,7 +105,6 @@ class TwinRobot:
             self.rvr.heat(dict(sorted(hot)))  # if there are several, the hottest counts
 
     def _note(self, now: float) -> None:
-        """Log new events."""
         left, right = (round(speed, 4) + 0.0 for speed in self.rvr.drive.target)
         self._note_one(now, "wheels", (left, right), left=left, right=right, by=self.rvr.drive.cause)
         self._note_one(now, "power", self.rvr.is_awake, awake=self.rvr.is_awake)

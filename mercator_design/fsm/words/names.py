@@ -10,7 +10,6 @@ STATE_NAME = r"\w([\w .+-]{0,38}\w)?"
 
 
 def is_state_name(text: str) -> bool:
-    """Whether a state may have this name."""
     return re.fullmatch(STATE_NAME, text) is not None
 
 

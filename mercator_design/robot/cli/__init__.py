@@ -35,7 +35,6 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
 
 
 def main() -> None:
-    """Run the command line."""
     run_command(cli, "mercator-robot")
 
 

@@ -5,15 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import (
-    FILE,
-    FLAVOUR,
-    LENIENT,
-    OutputFile,
-    naming_header,
-    print_message,
-    read_controller,
-)
+from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, naming_header, print_message, read_controller
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, WITHOUT, naming_in_the_end, new_file
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings

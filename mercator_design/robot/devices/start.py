@@ -142,6 +142,5 @@ def start_hub(link: Link) -> None:
 
 
 def end_streaming(link: Link) -> None:
-    """Stop the RVR's streaming."""
     for processor in Processor:
         link.send_command("clear_streaming_service", processor)

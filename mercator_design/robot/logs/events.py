@@ -218,7 +218,6 @@ _WORDS: Mapping[schema.Kind, str] = {
 
 
 def to_json(event: LogEvent) -> dict[str, Any]:
-    """An event as JSON data."""
     kind = type(event)
     values = {name: getattr(event, name) for name in kind.__slots__}
     for name, value in values.items():

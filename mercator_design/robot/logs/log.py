@@ -116,7 +116,6 @@ class Log:
         self.note(start)
 
     def note(self, event: LogEvent) -> None:
-        """Append an event."""
         at = time.monotonic()
         if self._events.empty():
             self._waits_since = at

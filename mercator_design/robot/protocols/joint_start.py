@@ -296,11 +296,8 @@ class Leader:
             )
         else:
             self._send_all("confirm")
-        yield (
-            self._has_said("confirmed"),
-            self._now + _ANSWER_LIMIT,
-            "it did not confirm that it runs; it may run on",
-        )
+        what = "it did not confirm that it runs; it may run on"
+        yield self._has_said("confirmed"), self._now + _ANSWER_LIMIT, what
         self.is_over = True
 
     def _send_all(self, say: str) -> None:

@@ -81,7 +81,6 @@ class HubCommand:
     arguments: bytes
 
     def encode(self) -> bytes:
-        """The command as it is sent."""
         body = bytes([0, self.code]) + self.arguments
         return body + bytes([crc8(body)])
 
@@ -102,7 +101,6 @@ class Acknowledgement:
     ok: bool
 
     def encode(self) -> bytes:
-        """The acknowledgement as it is sent."""
         body = b"RE" + bytes([self.code, _OK if self.ok else _REFUSED])
         return body + bytes([crc8(body)])
 

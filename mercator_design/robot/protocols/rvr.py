@@ -71,7 +71,6 @@ class Frame:
     error: int | None = None  # of a response; None in a command or notification
 
     def encode(self) -> bytes:
-        """The frame as it goes over the line."""
         flags = int(self.flags)
         for flag, value in zip(_FOLLOW, (self.target, self.source, self.error), strict=True):
             flags |= flag if value is not None else 0
@@ -167,7 +166,6 @@ class Host:
 
     @property
     def counts(self) -> Counts:
-        """The counts of bytes received so far."""
         return self._decoder.counts
 
     def send(

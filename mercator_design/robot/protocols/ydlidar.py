@@ -86,7 +86,6 @@ class Packet:
         ]
 
     def encode(self) -> bytes:
-        """The packet as the device sends it."""
         kind = self.frequency << 1 | self.is_ring_start
         head = [_PACKET_MARK, kind, len(self.samples), self.first << 1 | 1, self.last << 1 | 1]
         words = struct.pack(f"<{len(self.samples)}H", *self.samples)

@@ -78,7 +78,6 @@ class RosNode:
         leaving.join(_LEAVE)
 
     def publish(self, topic: str, fields: Fields) -> None:
-        """Publish a message on a topic."""
         message = self.types[PUBLISHED[topic].type]()
         self._message.fill_message_args(message, [fields])
         self._publishers[topic].publish(message)

@@ -178,7 +178,6 @@ class Watchdog(threading.Thread):
         self._armed.set()
 
     def run(self) -> None:
-        """Watch until the end of the context."""
         raise_priority(2)
         try:
             while not self._over.is_set():
@@ -232,7 +231,6 @@ class Signals:
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:
-        """The context in which signals are caught."""
         usual = {number: signal.signal(number, self._act) for number in SIGNALS}
         try:
             yield

@@ -43,24 +43,21 @@ class Design:
         return fmean(self.scores) if self.scores else None
 
 
-class Designs:
-    """The designs of a data folder; safe for several threads.
-
-    Args:
-        folder: Where they are; it is made if need be. A design that cannot be read is left out, and logged.
-        limits: Of the service.
+class Designs(Records[Design]):
+    """The designs of a data folder; safe for several threads. One that cannot be read is left out, and logged.
 
     Raises:
         OSError: The folder cannot be used.
     """
 
     def __init__(self, folder: Path, limits: Limits) -> None:
-        self._records, self._limits = Records(folder, Design, "design.json"), limits
+        super().__init__(folder, Design, "design.json")
+        self._limits = limits
         self._lock = threading.RLock()
         self._known: dict[str, Design] = {}
-        for identity in self._records.ids():
+        for identity in self.ids():
             try:
-                self._known[identity] = self._records.read(identity)
+                self._known[identity] = self.read(identity)
             except ServiceError as error:
                 _log.error("%s", error)
 
@@ -69,13 +66,9 @@ class Designs:
         return self._known.get(identity)
 
     def find(self, viewer: str | None, *, owner: str = "", text: str = "", shared: bool = False) -> list[Design]:
-        """The designs that a user may see, the newest first.
+        """The designs that a user may see, the newest first; None is an administrator, who sees all.
 
-        Args:
-            viewer: Who sees own and shared ones; None: an administrator, who sees all.
-            owner: Only of this user.
-            text: Only with this text in the name, or in that of the mission.
-            shared: Only shared ones.
+        A text is looked for in their names, and in those of their missions.
         """
         with self._lock:
             found = [one for one in self._known.values() if viewer is None or one.shared or one.owner == viewer]
@@ -93,12 +86,7 @@ class Designs:
         )
 
     def create(self, design: Design, fsm: str, mission: str) -> Design:
-        """Keep a new design; it gets an id and a time.
-
-        Args:
-            design: The facts.
-            fsm: The text of its fsm.txt.
-            mission: The text of its mission.yaml.
+        """Keep a new design with the texts of its files; it gets an id and a time.
 
         Raises:
             LimitReached: The user has too many.
@@ -108,7 +96,7 @@ class Designs:
         with self._lock:
             self.check_number(design.owner)
             design = replace(design, id=new_id(design.name), created=now())
-            self._records.add(design, {FSM: fsm, MISSION: mission})
+            self.add(design, {FSM: fsm, MISSION: mission})
             self._known[design.id] = design
             return design
 
@@ -131,7 +119,7 @@ class Designs:
         """
         with self._lock:
             design = replace(self._known[identity], **changes)
-            self._records.write(design)
+            self.write(design)
             self._known[identity] = design
             return design
 
@@ -143,22 +131,6 @@ class Designs:
             OSError: It cannot be deleted.
         """
         with self._lock:
-            self._records.file(identity).unlink(missing_ok=True)  # first: without it, there is no design
-            shutil.rmtree(self._records.folder(identity), ignore_errors=True)
+            self.file(identity).unlink(missing_ok=True)  # first: without it, there is no design
+            shutil.rmtree(self.folder(identity), ignore_errors=True)
             del self._known[identity]
-
-    def fsm(self, identity: str) -> str:
-        """The text of its fsm.txt.
-
-        Raises:
-            ServiceError: It is missing.
-        """
-        return self._records.text(identity, FSM)
-
-    def mission(self, identity: str) -> str:
-        """The text of its mission.yaml.
-
-        Raises:
-            ServiceError: It is missing.
-        """
-        return self._records.text(identity, MISSION)

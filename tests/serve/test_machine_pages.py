@@ -136,7 +136,7 @@ class TestBrowser:
         page.click("#saving button")
         page.wait_for("document.querySelector('#saved a')")
         (design,) = service.designs.find(None, text="drawn by mouse")
-        assert service.designs.fsm(design.id).endswith(f"{DRAWN}\n")
+        assert service.designs.text(design.id, "fsm.txt").endswith(f"{DRAWN}\n")
         page.click("#saved a")
         page.wait_for(f"document.querySelector('#{design.id} svg')")
         page.click(f"#{design.id} [data-replay]")

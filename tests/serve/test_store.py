@@ -20,12 +20,12 @@ def create(store, *, text=None, **given):
 
 def test_a_job_is_read_as_it_was_created(store):
     job = create(store, text="robots: 3\n", key="k")
-    assert (store.read(job.id), store.text(job.id), store.ids()) == (job, "robots: 3\n", [job.id])
+    assert (store.read(job.id), store.mission(job.id), store.ids()) == (job, "robots: 3\n", [job.id])
     assert (job.id.startswith("a-test-"), job.owner, job.request, job.key) == (True, "ann", REQUEST, "k")
 
 
 def test_a_shipped_mission_has_no_text(store):
-    assert store.text(create(store).id) is None
+    assert store.mission(create(store).id) is None
 
 
 def test_changes_are_there_after_a_restart(store):
@@ -53,7 +53,7 @@ def test_a_damaged_text_is_said(store):
     job = create(store, text="x")
     (store.folder(job.id) / "mission.yaml").write_bytes(b"\xff")
     with pytest.raises(ServiceError, match=r"mission\.yaml"):
-        store.text(job.id)
+        store.mission(job.id)
 
 
 def test_deletion_takes_the_run_folder(store):

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from mercator_design.serve.accounts.users import User
-from mercator_design.serve.designs import Design
+from mercator_design.serve.designs import FSM, Design
+from mercator_design.serve.desk.machines import Machines
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import visible_job
 from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
@@ -39,7 +40,7 @@ def mission_given(service: Service, user: User, body: MissionBody) -> MissionSou
         found = mission_of_job(service, visible_job(service, user, body.job))
         return replace(found, overrides=(*found.overrides, *body.set))
     if body.design:
-        text = service.designs.mission(visible_design(service, user, body.design).id)
+        text = service.designs.text(visible_design(service, user, body.design).id, MISSION)
         return MissionSource(text=text, overrides=tuple(body.set))
     return body.source()
 
@@ -60,7 +61,7 @@ def mission_of_job(service: Service, row: Row) -> MissionSource:
 
 def mission_of_request(service: Service, row: Row) -> MissionSource:
     """The mission of a job as its user wrote it."""
-    return MissionSource.of_request(service.store.read(row.id).request, service.store.text(row.id))
+    return MissionSource.of_request(service.store.read(row.id).request, service.store.mission(row.id))
 
 
 def job_source(service: Service, row: Row, name: str = "") -> FsmSource:
@@ -84,9 +85,15 @@ def fsms_given(service: Service, user: User, bodies: Sequence[FsmBody]) -> tuple
         elif body.job:
             found.append(job_source(service, visible_job(service, user, body.job), name))
         else:
-            text = service.designs.fsm(visible_design(service, user, body.design).id)
+            text = service.designs.text(visible_design(service, user, body.design).id, FSM)
             found.append(FsmSource(name=name, text=text))
     return tuple(found)
+
+
+def machines_given(service: Service, user: User, mission: MissionBody, fsms: Sequence[FsmBody]) -> Machines:
+    """The FSMs and the mission that a request names."""
+    found = fsms_given(service, user, fsms)
+    return Machines(fsms=found, mission=mission_given(service, user, mission), limits=service.settings.limits)
 
 
 def fsm_text(fsm: str | StructuredFsm) -> str:

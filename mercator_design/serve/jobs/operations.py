@@ -1,6 +1,6 @@
 """What users do with jobs: submit, pause, resume, cancel, extend, share, delete."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
@@ -26,14 +26,7 @@ class LimitReached(MercatorError):  # noqa: N818 - nothing is wrong with the req
 
 
 class Operations:
-    """The operations on jobs.
-
-    Args:
-        store: The jobs.
-        index: Their rows.
-        supervisor: Runs them.
-        limits: Of the service.
-    """
+    """The operations on jobs."""
 
     def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: Limits) -> None:
         self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
@@ -73,7 +66,7 @@ class Operations:
         Raises:
             NotPossible: It was for another request.
         """
-        if self._store.read(row.id).request != request or self._store.text(row.id) != text:
+        if self._store.read(row.id).request != request or self._store.mission(row.id) != text:
             raise NotPossible(f"the key {row.key} was used for another job: {row.id}")
         return row
 
@@ -95,7 +88,7 @@ class Operations:
         Raises:
             NotPossible: It has ended.
         """
-        return self._change(identity, "pause", _OPEN, wish="pause")
+        return self._change(identity, "pause", _OPEN, lambda _: {"wish": "pause"})
 
     def resume(self, identity: str) -> Row:
         """Let a job go on that was paused or has failed.
@@ -103,9 +96,7 @@ class Operations:
         Raises:
             NotPossible: It has ended otherwise.
         """
-        with self._supervisor.locked:
-            self._expect(identity, "resume", states := (*_OPEN, "failed"))
-            return self._change(identity, "resume", states, **_going_on(self._store.read(identity)))
+        return self._change(identity, "resume", (*_OPEN, "failed"), _going_on)
 
     def cancel(self, identity: str) -> Row:
         """Stop a job for good; its results so far stay.
@@ -115,9 +106,9 @@ class Operations:
         """
         with self._supervisor.locked:
             row = self._expect(identity, "cancel", (*_OPEN, "cancelled"))
-            return (
-                row if row.state == "cancelled" else self._change(identity, "cancel", _OPEN, wish="cancel", ended=now())
-            )
+            if row.state == "cancelled":
+                return row
+            return self._change(identity, "cancel", _OPEN, lambda _: {"wish": "cancel", "ended": now()})
 
     def extend(self, identity: str, budget: int) -> Row:
         """Let a job go on with a larger budget.
@@ -127,25 +118,23 @@ class Operations:
             LimitReached: see `Limits`.
         """
         self._check_budget(budget)
-        with self._supervisor.locked:
-            self._expect(identity, "extend", states := (*_OPEN, "succeeded", "failed"))
-            job = self._store.read(identity)
+
+        def extended(job: Job) -> dict[str, Any]:
             if budget <= job.request.budget:
                 raise NotPossible(f"{identity}: expected a budget above {job.request.budget}, found {budget}")
-            return self._change(
-                identity, "extend", states, request=replace(job.request, budget=budget), **_going_on(job)
-            )
+            return {"request": replace(job.request, budget=budget), **_going_on(job)}
+
+        return self._change(identity, "extend", (*_OPEN, "succeeded", "failed"), extended)
 
     def share(self, identity: str, *, shared: bool) -> Row:
         """Show a job to all users, or to its owner alone."""
-        return self._change(identity, "share", STATES, shared=shared)
+        return self._change(identity, "share", STATES, lambda _: {"shared": shared})
 
     def set_priority(self, identity: str, priority: int) -> Row:
         """Change the priority of a job among those of its user."""
-        with self._supervisor.locked:
-            self._expect(identity, "change", STATES)
-            request = replace(self._store.read(identity).request, priority=priority)
-            return self._change(identity, "change", STATES, request=request)
+        return self._change(
+            identity, "change", STATES, lambda job: {"request": replace(job.request, priority=priority)}
+        )
 
     def delete(self, identity: str) -> None:
         """Delete a job that does not run, with its run folder.
@@ -161,10 +150,13 @@ class Operations:
             self._store.delete(identity)
             self._index.remove(identity)
 
-    def _change(self, identity: str, what: str, states: Collection[State], **changes: Any) -> Row:  # noqa: ANN401
+    def _change(
+        self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
+    ) -> Row:
+        """Change fields of a job that is in one of some states."""
         with self._supervisor.locked:
             row = self._expect(identity, what, states)
-            self._store.update(identity, **changes)
+            self._store.update(identity, **changes(self._store.read(identity)))
             changed = self._supervisor.refresh(identity)
         self._supervisor.wake()
         return changed or row

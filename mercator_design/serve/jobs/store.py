@@ -22,7 +22,7 @@ OUTPUT = "output.txt"
 _DELETED = "deleted-"
 
 
-class Store:
+class Store(Records[Job]):
     """The jobs of a data folder; safe for several threads.
 
     Attributes:
@@ -35,32 +35,17 @@ class Store:
         Raises:
             OSError: The folder cannot be made.
         """
+        super().__init__(data / SERVICE / "jobs", Job, "job.json")
         self.data = data
-        self._records = Records(data / SERVICE / "jobs", Job, "job.json")
         (data / SERVICE).chmod(0o700)
         self._lock = threading.RLock()
         for left in (data / SERVICE).glob(f"{_DELETED}*"):
             self._finish_deletion(left.name.removeprefix(_DELETED))
 
     def create(
-        self,
-        owner: str,
-        name: str,
-        direction: str,
-        request: Request,
-        text: str | None,
-        *,
-        key: str = "",
+        self, owner: str, name: str, direction: str, request: Request, text: str | None, *, key: str = ""
     ) -> Job:
-        """A new job.
-
-        Args:
-            owner: The name of its user.
-            name: The name of the mission.
-            direction: Whether the race maximises or minimises the score.
-            request: What it is to do.
-            text: The mission, unless it is a shipped one.
-            key: As `Job.key`.
+        """A new job; its text is the mission, unless that is a shipped one.
 
         Raises:
             ServiceError: A value is not valid, for example the name.
@@ -75,20 +60,12 @@ class Store:
             submitted=now("microseconds"),  # so exact that it orders submissions
             key=key,
         )
-        self._records.add(job, {} if text is None else {MISSION: text})
+        self.add(job, {} if text is None else {MISSION: text})
         return job
-
-    def folder(self, identity: str) -> Path:
-        """The folder of a job's file."""
-        return self._records.folder(identity)
 
     def run_folder(self, identity: str) -> Path:
         """The run folder of a job; it may not be there yet."""
         return self.data / identity
-
-    def ids(self) -> list[str]:
-        """The jobs."""
-        return self._records.ids()
 
     def others(self) -> Iterator[Path]:
         """Run folders of the data folder that are of no job."""
@@ -97,21 +74,13 @@ class Store:
             if name.isprintable() and not name.startswith(".") and not self.folder(name).exists():
                 yield journal.parent
 
-    def read(self, identity: str) -> Job:
-        """A job.
-
-        Raises:
-            ServiceError: Its file is missing or damaged.
-        """
-        return self._records.read(identity)
-
-    def text(self, identity: str) -> str | None:
-        """The mission of a job; None if it is a shipped one.
+    def mission(self, identity: str) -> str | None:
+        """The text of a job's mission; None if it is a shipped one.
 
         Raises:
             ServiceError: It is damaged.
         """
-        return self._records.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
+        return self.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
         """Change fields of a job.
@@ -122,7 +91,7 @@ class Store:
         """
         with self._lock:
             job = replace(self.read(identity), **changes)
-            self._records.write(job)
+            self.write(job)
             return job
 
     def delete(self, identity: str) -> None:

@@ -8,15 +8,16 @@ from pydantic import BaseModel, Field
 
 from mercator_design.api import fresh_instances
 from mercator_design.designer import TEST_SEED
-from mercator_design.serve.designs import Design
+from mercator_design.serve.designs import FSM, Design
 from mercator_design.serve.desk.desk import TooMuchWork
-from mercator_design.serve.desk.machines import Machines, checked, new_design, run_part
+from mercator_design.serve.desk.machines import checked, new_design, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser
-from mercator_design.serve.http.given import fsms_given, mission_given, visible_design
+from mercator_design.serve.http.given import machines_given, visible_design
 from mercator_design.serve.http.machines.schemas import CheckedFsm, FsmBody, MissionBody
 from mercator_design.serve.http.problems import RESPONSES, NotAllowed
 from mercator_design.serve.http.schemas import Body
+from mercator_design.serve.jobs.store import MISSION
 
 router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)  # type: ignore[arg-type]
 
@@ -101,11 +102,7 @@ OwnDesign = Annotated[Design, Depends(_own)]
 def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswer:
     """Save an FSM with its mission; it is measured on a few instances first."""
     service.designs.check_number(user.name)
-    machines = Machines(
-        fsms=fsms_given(service, user, [body.fsm]),
-        mission=mission_given(service, user, body.mission),
-        limits=service.settings.limits,
-    )
+    machines = machines_given(service, user, body.mission, [body.fsm])
     new = service.desk.run(new_design, machines)
     seeds = fresh_instances(TEST_SEED, _RUNS)
     try:
@@ -137,8 +134,8 @@ def find(
 @router.get("/designs/{id}")
 def show(service: TheService, design: VisibleDesign) -> WholeDesign:
     """Show a design with its FSM."""
-    fsm = FsmSource(name=design.name, text=service.designs.fsm(design.id))
-    text = service.designs.mission(design.id)
+    fsm = FsmSource(name=design.name, text=service.designs.text(design.id, FSM))
+    text = service.designs.text(design.id, MISSION)
     forms = service.desk.run(checked, fsm, MissionSource(text=text), service.settings.limits)
     return WholeDesign(design=DesignAnswer.of(design), mission_text=text, fsm=CheckedFsm(**forms))
 
@@ -146,8 +143,8 @@ def show(service: TheService, design: VisibleDesign) -> WholeDesign:
 @router.get("/designs/{id}/fsm.txt", response_class=PlainTextResponse)
 def fetch(service: TheService, design: VisibleDesign) -> PlainTextResponse:
     """Fetch the fsm.txt of a design."""
-    headers = {"X-Content-Type-Options": "nosniff", "Content-Disposition": 'attachment; filename="fsm.txt"'}
-    return PlainTextResponse(service.designs.fsm(design.id), headers=headers)
+    headers = {"Content-Disposition": f'attachment; filename="{FSM}"'}
+    return PlainTextResponse(service.designs.text(design.id, FSM), headers=headers)
 
 
 @router.patch("/designs/{id}")

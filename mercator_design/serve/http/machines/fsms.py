@@ -10,7 +10,7 @@ from mercator_design.serve.desk.desk import TooMuchWork
 from mercator_design.serve.desk.machines import Machines, best_of, checked, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
-from mercator_design.serve.http.given import fsm_text, fsms_given, job_source, mission_given, mission_of_job
+from mercator_design.serve.http.given import fsm_text, job_source, machines_given, mission_given, mission_of_job
 from mercator_design.serve.http.machines.schemas import (
     CheckedFsm,
     CheckRequest,
@@ -53,7 +53,7 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     limits, seconds = service.settings.limits, service.settings.helper_seconds
     if body.runs > limits.runs:
         raise LimitReached(f"runs: expected at most {limits.runs}, the limit of this service, found {body.runs}")
-    machines = _machines(service, user, body)
+    machines = machines_given(service, user, body.mission, body.fsms)
     seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
         if await request.is_disconnected():
@@ -71,7 +71,7 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
 @router.post("/fsms/replay")
 def replay(service: TheService, user: TheUser, body: ReplayRequest) -> list[dict[str, Any]]:
     """Run FSMs on an instance of a mission: what the viewer plays, for each."""
-    return service.desk.run(replays, _machines(service, user, body), body.seed)
+    return service.desk.run(replays, machines_given(service, user, body.mission, body.fsms), body.seed)
 
 
 @router.get("/jobs/{id}/winner")
@@ -92,11 +92,3 @@ def replay_of_job(
         fsms=(job_source(service, row),), mission=mission_of_job(service, row), limits=service.settings.limits
     )
     return service.desk.run(replays, machines, seed)
-
-
-def _machines(service: TheService, user: TheUser, body: ReplayRequest) -> Machines:
-    return Machines(
-        fsms=fsms_given(service, user, body.fsms),
-        mission=mission_given(service, user, body.mission),
-        limits=service.settings.limits,
-    )

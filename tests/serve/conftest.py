@@ -24,7 +24,7 @@ class IdleProcess:
     def poll(self):
         return self.code
 
-    def interrupt(self):
+    def terminate(self):
         self.code = 75
 
     def kill(self):

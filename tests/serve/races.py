@@ -23,7 +23,7 @@ class Process:
     def poll(self):
         return self.code
 
-    def interrupt(self):
+    def terminate(self):
         self.is_interrupted = True
 
     def kill(self):

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
-from typing import IO, Protocol
+from typing import Protocol
 
 from mercator_design.errors import printable
 from mercator_design.runs.provenance import PROVENANCE
@@ -21,7 +21,7 @@ class RaceProcess(Protocol):
     def poll(self) -> int | None:
         """Its exit code, or None while it runs; negative: the signal that killed it."""
 
-    def interrupt(self) -> None:
+    def terminate(self) -> None:
         """Ask it to stop when its running experiments have finished."""
 
     def kill(self) -> None:
@@ -29,13 +29,7 @@ class RaceProcess(Protocol):
 
 
 class Launcher:
-    """Starts the processes of races.
-
-    Args:
-        store: The jobs.
-        settings: Of the service.
-        cores: Experiments of a race that run at the same time.
-    """
+    """Starts the processes of races, in each of which so many experiments run at the same time."""
 
     def __init__(self, store: Store, settings: Settings, cores: int) -> None:
         self._store, self._settings, self._cores = store, settings, cores
@@ -63,32 +57,27 @@ class Launcher:
             OSError: It cannot be started.
         """
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
-            return _Process([sys.executable, "-m", "mercator_design.serve.jobs.worker", *self.command(job)], output)
+            return _Process(
+                [sys.executable, "-m", "mercator_design.serve.jobs.worker", *self.command(job)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=output,
+                process_group=0,
+            )
 
 
-class _Process:
+class _Process(subprocess.Popen[bytes]):
     """A process that stops when this one ends, because the pipe to it is closed.
 
     Its group is its own, so that Ctrl-C at the service does not reach it; its session is that of the service, because
     Linux gives sessions equal shares of the processors, however nice their processes are (autogroup in sched(7)).
     """
 
-    def __init__(self, command: list[str], output: IO[bytes]) -> None:
-        self._process = subprocess.Popen(  # noqa: S603 - our own command
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=output, process_group=0
-        )
-
     def poll(self) -> int | None:
-        code = self._process.poll()
-        if code is not None and self._process.stdin is not None:
-            self._process.stdin.close()
+        code = super().poll()
+        if code is not None and self.stdin is not None:
+            self.stdin.close()
         return code
-
-    def interrupt(self) -> None:
-        self._process.terminate()
-
-    def kill(self) -> None:
-        self._process.kill()
 
 
 def last_messages(output: Path) -> str:

@@ -52,7 +52,7 @@ class Running:
         """Ask it to stop, unless it was asked before."""
         if not self.stopped_for:
             self.stopped_for, self.stopped_at = why, clock
-            self.process.interrupt()
+            self.process.terminate()
 
     def seconds(self, clock: float) -> float:
         """That the job's races have run, with this one."""
@@ -81,12 +81,7 @@ class Running:
             _log.warning("%s", error)
 
     def wait(self, code: int, shortage: str) -> str:
-        """What its job waits for, when the process has ended before the race; empty if it does not wait.
-
-        Args:
-            code: The exit code.
-            shortage: What all jobs wait for.
-        """
+        """What its job waits for, when the process has ended before the race; empty if it does not wait."""
         if self.stopped_for == "disk":
             return shortage or NO_SPACE
         if not self.stopped_for and code > 0 and any(one in last_error(self.output) for one in _FULL):

@@ -1,7 +1,7 @@
 """How long a new job will wait, by the rules of the scheduler."""
 
 from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.waiting import remaining_seconds, wait_of
+from mercator_design.serve.jobs.scheduler import remaining_seconds, wait_of
 
 
 def row(name, owner="ann", **more):

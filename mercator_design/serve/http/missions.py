@@ -22,7 +22,7 @@ from mercator_design.serve.http.given import mission_of_job, mission_of_request
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
 from mercator_design.serve.jobs.index import Row
-from mercator_design.serve.jobs.waiting import Wait, remaining_seconds, wait_of
+from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)  # type: ignore[arg-type]
@@ -30,10 +30,7 @@ router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)  # 
 _TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 _PICTURE = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-store",
 }
-_TEXT = {"X-Content-Type-Options": "nosniff"}
 
 
 class ShippedMission(BaseModel):
@@ -81,13 +78,13 @@ def mission(name: Annotated[str, InPath(max_length=200)]) -> PlainTextResponse:
     file = shipped.missions().get(name)
     if file is None:
         raise Missing(f"there is no shipped mission {name}")
-    return PlainTextResponse(text_of(file, error=MissionError), headers=_TEXT)
+    return PlainTextResponse(text_of(file, error=MissionError))
 
 
 @router.get("/jobs/{id}/mission", response_class=PlainTextResponse)
 def mission_to_submit(service: TheService, row: VisibleJob) -> PlainTextResponse:
     """Fetch the mission of a job as a YAML that can be submitted again; its overrides are in it."""
-    return PlainTextResponse(text_of_job(service, row), headers=_TEXT)
+    return PlainTextResponse(text_of_job(service, row))
 
 
 @router.post("/missions/check")

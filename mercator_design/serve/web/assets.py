@@ -17,7 +17,7 @@ from mercator_design.view.page import viewer_script, viewer_style
 router = APIRouter(include_in_schema=False)
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_FOREVER = {"Cache-Control": "public, max-age=31536000, immutable", "X-Content-Type-Options": "nosniff"}
+_FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 _MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
     "viewer.js": viewer_script,
     "viewer.css": viewer_style,

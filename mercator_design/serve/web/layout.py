@@ -21,7 +21,7 @@ _SCRIPTS = ("htmx.min.js", "app.js")
 _LOGOUT = '<form method="post" action="/logout"><button>Log out</button></form>'
 _LINKS = {"/": "Jobs", "/new": "New job", "/fsm": "FSM editor", "/compare": "Compare", "/gallery": "Gallery"}
 _HERE = ' aria-current="page"'
-_HEADERS = {"Content-Security-Policy": POLICY, "Cache-Control": "no-store"}
+_HEADERS = {"Content-Security-Policy": POLICY}
 
 
 def page(
@@ -33,17 +33,7 @@ def page(
     styles: Sequence[str] = (),
     status: int = 200,
 ) -> HTMLResponse:
-    """A page.
-
-    Args:
-        title: Of the page.
-        body: Its parts, as HTML.
-        user: Who sees it; None before the login.
-        here: The link in the navigation that leads to it.
-        scripts: Further assets.
-        styles: Further assets.
-        status: Of the answer.
-    """
+    """A page for a user, or for one who is not logged in; `here` is its link in the navigation."""
     known = assets()
     head = [f'<link rel="stylesheet" href="{known[name].address}">' for name in (*_STYLES, *styles)]
     head += [f'<script src="{known[name].address}" defer></script>' for name in (*_SCRIPTS, *scripts)]

@@ -54,12 +54,6 @@ RESPONSES = {
 """The answers of errors, for the document of the API."""
 
 
-def answer(status: int, title: str, errors: Sequence[str], headers: dict[str, str] | None = None) -> JSONResponse:
-    """A problem as an answer."""
-    problem = Problem(title=title, status=status, errors=[printable(one) for one in errors])
-    return JSONResponse(problem.model_dump(), status, headers=headers, media_type="application/problem+json")
-
-
 ProblemPage: TypeAlias = Callable[[Request, Problem], Response]
 """Makes the page of a problem, for browsers."""
 
@@ -67,51 +61,46 @@ ProblemPage: TypeAlias = Callable[[Request, Problem], Response]
 def report_problems(app: FastAPI, page: ProblemPage) -> None:
     """Let an application answer errors with problems: as a page if the client accepts HTML, else as JSON."""
 
-    def readable(handler: Callable[[Request, Exception], JSONResponse]) -> Callable[[Request, Exception], Response]:
-        def handle(request: Request, error: Exception) -> Response:
-            found = handler(request, error)
-            is_page = "text/html" in request.headers.get("accept", "") and not request.url.path.startswith("/api/")
-            return page(request, Problem.model_validate_json(bytes(found.body))) if is_page else found
+    def answer(request: Request, error: Exception) -> Response:
+        problem, headers = _problem(error)
+        if "text/html" in request.headers.get("accept", "") and not request.url.path.startswith("/api/"):
+            return page(request, problem)
+        return JSONResponse(problem.model_dump(), problem.status, headers, media_type="application/problem+json")
 
-        return handle
-
-    app.add_exception_handler(MercatorError, readable(_of_ours))
-    app.add_exception_handler(RequestValidationError, readable(_of_validation))
-    app.add_exception_handler(HTTPException, readable(_of_http))
-    app.add_exception_handler(OSError, readable(_of_system))
-    app.add_exception_handler(sqlite3.Error, readable(_of_system))
-    app.add_exception_handler(Exception, readable(_of_fault))
+    for kind in (MercatorError, RequestValidationError, HTTPException, OSError, sqlite3.Error, Exception):
+        app.add_exception_handler(kind, answer)
 
 
-def _of_ours(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, MercatorError)  # noqa: S101 - registered for it
-    status, title = next(_STATUS[kind] for kind in type(error).__mro__ if kind in _STATUS)
-    if status == 500:
-        _log.error("%s", error)
-    return answer(status, title, error.messages, {"Retry-After": "5"} if status in (429, 503) else None)
-
-
-def _of_validation(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, RequestValidationError)  # noqa: S101
-    found = [
-        f"{'.'.join(str(part) for part in one['loc'])}: {one['msg'].removeprefix('Value error, ')}"
-        for one in error.errors()
-    ]
-    return answer(422, "Not valid", found)
-
-
-def _of_http(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, HTTPException)  # noqa: S101
-    return answer(error.status_code, str(error.detail), [str(error.detail)], dict(error.headers or {}))
-
-
-def _of_system(_: Request, error: Exception) -> JSONResponse:
-    _log.error("%s", error)
-    if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) or "is full" in str(error):
-        return answer(507, "Disk full", ["the disk of the service is full: nothing was changed; try again later"])
-    return answer(500, "Internal error", ["the service cannot read or write its files"])
-
-
-def _of_fault(_: Request, __: Exception) -> JSONResponse:
-    """An error that this program should not have; the server logs it."""
-    return answer(500, "Internal error", ["the service has made a mistake; its log says which"])
+def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
+    """What is wrong, and the headers of the answer."""
+    headers: dict[str, str] = {}
+    messages: Sequence[str]
+    match error:
+        case MercatorError():
+            status, title = next(_STATUS[kind] for kind in type(error).__mro__ if kind in _STATUS)
+            messages = error.messages
+            if status == 500:
+                _log.error("%s", error)
+            elif status in (429, 503):
+                headers["Retry-After"] = "5"
+        case RequestValidationError():
+            status, title = 422, "Not valid"
+            messages = [
+                f"{'.'.join(str(part) for part in one['loc'])}: {one['msg'].removeprefix('Value error, ')}"
+                for one in error.errors()
+            ]
+        case HTTPException():
+            status, title = error.status_code, str(error.detail)
+            messages, headers = [title], dict(error.headers or {})
+        case OSError() | sqlite3.Error():
+            _log.error("%s", error)
+            if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) or "is full" in str(error):
+                status, title = 507, "Disk full"
+                messages = ["the disk of the service is full: nothing was changed; try again later"]
+            else:
+                status, title = 500, "Internal error"
+                messages = ["the service cannot read or write its files"]
+        case _:  # a fault of this program, which the server logs
+            status, title = 500, "Internal error"
+            messages = ["the service has made a mistake; its log says which"]
+    return Problem(title=title, status=status, errors=[printable(one) for one in messages]), headers

@@ -4,7 +4,7 @@ import fcntl
 import os
 import sqlite3
 import tempfile
-from dataclasses import dataclass, field
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
@@ -17,10 +17,9 @@ from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
-from mercator_design.serve.settings import SERVICE, ServiceError, Settings, load_settings
+from mercator_design.serve.settings import SERVICE, ServiceError, load_settings
 
 
-@dataclass(slots=True)
 class Service:
     """All parts of a running service; a context manager that starts and ends it.
 
@@ -28,52 +27,40 @@ class Service:
         ServiceError: The data folder cannot be used, another service uses it, or its settings are not valid.
     """
 
-    data: Path
-    settings: Settings = field(init=False)
-    store: Store = field(init=False)
-    index: Index = field(init=False)
-    supervisor: Supervisor = field(init=False)
-    jobs: Operations = field(init=False)
-    desk: Desk = field(init=False)
-    designs: Designs = field(init=False)
-    accounts: Accounts = field(init=False)
-    cores: int = field(init=False)  # experiments of a race that run at the same time
-    _lock: int = field(init=False)
-    _empty: "tempfile.TemporaryDirectory[str]" = field(init=False)
+    def __init__(self, data: Path) -> None:
+        self.data = data
 
     def __enter__(self) -> Self:
-        try:
-            self.store = Store(self.data)
-            self._lock = _locked(self.data)
-        except OSError as error:
-            raise ServiceError(f"{self.data}: cannot be used: {error.strerror or error}") from None
-        try:
+        with ExitStack() as ends:
+            try:
+                self.store = Store(self.data)
+                ends.callback(os.close, _locked(self.data))
+            except OSError as error:
+                raise ServiceError(f"{self.data}: cannot be used: {error.strerror or error}") from None
             self.settings = settings = load_settings(self.data)
-            self.index = Index(self.data / SERVICE / "index.sqlite")
-        except BaseException as error:
-            os.close(self._lock)
-            if isinstance(error, (OSError, sqlite3.Error)):
+            empty = ends.enter_context(tempfile.TemporaryDirectory(prefix="mercator_design-"))
+            try:
+                self.index = Index(self.data / SERVICE / "index.sqlite")
+                ends.callback(self.index.close)
+            except (OSError, sqlite3.Error) as error:
                 raise ServiceError(f"{self.data / SERVICE}: the index cannot be used: {error}") from None
-            raise
-        self.cores = settings.jobs or max(1, available_jobs() // settings.races)
-        self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, self.cores))
-        self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
-        self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
-        self._empty = tempfile.TemporaryDirectory(prefix="mercator_design-")
-        self.desk = Desk(
-            settings.helpers, settings.helper_seconds, settings.helper_memory, settings.plugins, Path(self._empty.name)
-        )
-        self.accounts = Accounts(self.data)
-        self.supervisor.start()
+            self.accounts = Accounts(self.data)
+            ends.callback(self.accounts.close)
+            self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
+            self.cores = settings.jobs or max(1, available_jobs() // settings.races)  # of a race
+            self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, self.cores))
+            self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
+            ends.callback(self.supervisor.stop)
+            self.desk = Desk(
+                settings.helpers, settings.helper_seconds, settings.helper_memory, settings.plugins, Path(empty)
+            )
+            ends.callback(self.desk.close)
+            self.supervisor.start()
+            self._ends = ends.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.desk.close()
-        self.supervisor.stop()
-        self.accounts.close()
-        self.index.close()
-        self._empty.cleanup()
-        os.close(self._lock)
+        self._ends.close()
 
 
 def _locked(data: Path) -> int:

@@ -4,7 +4,7 @@ For marks in an editor, and to know what may be written at a place. Whether the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import yaml
@@ -68,64 +68,58 @@ class Outline:
 
     root: Piece | None = None
     error: Mark | None = None
-    _open: list[tuple[Piece, Piece | None]] = field(default_factory=list)  # lists and mappings; a mapping's last key
 
     @classmethod
     def of(cls, text: str) -> "Outline":
         """The outline of a text; of one that is too long or too deep, the part that may be read."""
         outline = cls()
+        events = yaml.parse(text[:MAX_FILE_SIZE], Loader=LOADER)
         try:
-            for event in yaml.parse(text[:MAX_FILE_SIZE], Loader=LOADER):
-                span = Span(_place(event.start_mark), _place(event.end_mark))
-                if isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
-                    outline._close(span)
-                elif isinstance(event, yaml.NodeEvent):
-                    outline._add(_piece(event, span))
-                if len(outline._open) > MAX_DEPTH or isinstance(event, yaml.DocumentEndEvent):
+            for event in events:
+                if isinstance(event, yaml.NodeEvent):
+                    outline.root = _piece(event)
+                    _fill(outline.root, events, MAX_DEPTH)
+                elif isinstance(event, yaml.DocumentEndEvent):
                     break
         except yaml.MarkedYAMLError as error:
             outline.error = _place(error.problem_mark)
         except (yaml.YAMLError, UnicodeError):
             pass
-        outline._finish()
         return outline
 
-    def _add(self, piece: Piece) -> None:
-        if not self._open:
-            self.root = self.root or piece
+
+def _fill(piece: Piece, events: Iterator[Any], depth: int) -> None:
+    """Read the parts of a list or mapping, and theirs; a key has an empty value until its value is read."""
+    if not isinstance(piece.content, (list, dict)):
+        return
+    if not depth:
+        raise yaml.YAMLError("too deep")
+    key: Piece | None = None
+    for event in events:
+        if isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+            piece.span = Span(piece.span.start, _place(event.end_mark))
+            return
+        part = _piece(event)
+        if isinstance(piece.content, list):
+            piece.content.append(part)
+        elif key is None:
+            key = part
+            if isinstance(key.content, str):
+                piece.content.setdefault(key.content, Piece(None, key.span, key.span))
         else:
-            parent, key = self._open[-1]
-            if isinstance(parent.content, list):
-                parent.content.append(piece)
-            elif key is None:
-                self._open[-1] = parent, piece
-            else:
-                self._put(parent, key, piece)
-                self._open[-1] = parent, None
-        if isinstance(piece.content, (list, dict)):
-            self._open.append((piece, None))
-
-    def _close(self, span: Span) -> None:
-        piece, _ = self._open.pop()
-        piece.span = Span(piece.span.start, span.end)
-
-    def _finish(self) -> None:
-        """Keep the keys that have no value yet."""
-        for parent, key in self._open:
-            if key is not None:
-                self._put(parent, key, Piece(None, key.span))
-
-    def _put(self, parent: Piece, key: Piece, piece: Piece) -> None:
-        if isinstance(parent.content, dict) and isinstance(key.content, str):
-            piece.key = key.span
-            parent.content.setdefault(key.content, piece)
+            part.key = key.span
+            if isinstance(key.content, str) and piece.content[key.content].key is part.key:  # of equal keys, the first
+                piece.content[key.content] = part
+            key = None
+        _fill(part, events, depth - 1)
 
 
 def _place(mark: Any) -> Mark:  # noqa: ANN401 - yaml's parsers have different ones
     return Mark(mark.line, mark.column) if mark else Mark(0, 0)
 
 
-def _piece(event: yaml.NodeEvent, span: Span) -> Piece:
+def _piece(event: Any) -> Piece:  # noqa: ANN401 - yaml's event classes share no typed fields
+    span = Span(_place(event.start_mark), _place(event.end_mark))
     if isinstance(event, yaml.ScalarEvent):
         return Piece(str(event.value), span)
     if isinstance(event, yaml.SequenceStartEvent):

@@ -73,22 +73,26 @@ def _table(found: list[dict[str, Any]], width: int | None) -> str:
     return "\n".join(lines())
 
 
-def _send(context: click.Context, server: str | None, method: str, job: str, after: str = "", **given: Any) -> Any:  # noqa: ANN401 - JSON
-    """The answer to a request on a job; the service is that of the group, unless one is given."""
-    with connected(server or context.obj) as connection:
+def _send(server: str, method: str, job: str, after: str = "", **given: Any) -> Any:  # noqa: ANN401 - JSON
+    """The answer to a request on a job."""
+    with connected(server) as connection:
         return connection.call(method, f"/jobs/{quote(job, safe='')}{after}", **given)
 
 
-_SERVICE = click.option("--server", metavar="URL", help="Address of the service.  [default: as for `mdesign jobs`]")
+_SERVICE = click.option(
+    "--server",
+    metavar="URL",
+    default=lambda: click.get_current_context().obj,
+    help="Address of the service.  [default: as for `mdesign jobs`]",
+)
 
 
 @jobs.command(short_help="Show a job.")
 @JOB
 @_SERVICE
-@click.pass_context
-def show(context: click.Context, job: str, server: str | None) -> None:
+def show(job: str, server: str) -> None:
     """Show JOB as JSON."""
-    print_result(json.dumps(_send(context, server, "GET", job), indent=2))
+    print_result(json.dumps(_send(server, "GET", job), indent=2))
 
 
 def _told(job: dict[str, Any]) -> None:
@@ -98,28 +102,25 @@ def _told(job: dict[str, Any]) -> None:
 @jobs.command(short_help="Stop a job until it is resumed.")
 @JOB
 @_SERVICE
-@click.pass_context
-def pause(context: click.Context, job: str, server: str | None) -> None:
+def pause(job: str, server: str) -> None:
     """Stop JOB until it is resumed; its running experiments finish."""
-    _told(_send(context, server, "POST", job, "/pause"))
+    _told(_send(server, "POST", job, "/pause"))
 
 
 @jobs.command(short_help="Let a job go on.")
 @JOB
 @_SERVICE
-@click.pass_context
-def resume(context: click.Context, job: str, server: str | None) -> None:
+def resume(job: str, server: str) -> None:
     """Let JOB go on that was paused or has failed."""
-    _told(_send(context, server, "POST", job, "/resume"))
+    _told(_send(server, "POST", job, "/resume"))
 
 
 @jobs.command(short_help="Stop a job for good.")
 @JOB
 @_SERVICE
-@click.pass_context
-def cancel(context: click.Context, job: str, server: str | None) -> None:
+def cancel(job: str, server: str) -> None:
     """Stop JOB for good; its results so far stay."""
-    _told(_send(context, server, "POST", job, "/cancel"))
+    _told(_send(server, "POST", job, "/cancel"))
 
 
 @jobs.command(short_help="Change budget, priority or sharing of a job.")
@@ -130,23 +131,19 @@ def cancel(context: click.Context, job: str, server: str | None) -> None:
 @click.option("--priority", type=click.IntRange(-MAX_PRIORITY, MAX_PRIORITY), help="Priority among your jobs.")
 @click.option("--shared/--private", default=None, help="Show it to all users, or to you alone.")
 @_SERVICE
-@click.pass_context
-def change(
-    context: click.Context, job: str, budget: int | None, priority: int | None, shared: bool | None, server: str | None
-) -> None:
+def change(job: str, budget: int | None, priority: int | None, shared: bool | None, server: str) -> None:
     """Extend the budget of JOB, change its priority, share it."""
     wanted = {"budget": budget, "priority": priority, "shared": shared}
     body = {name: value for name, value in wanted.items() if value is not None}
     if not body:
         raise click.UsageError("expected --budget, --priority, --shared or --private")
-    _told(_send(context, server, "PATCH", job, json=body))
+    _told(_send(server, "PATCH", job, json=body))
 
 
 @jobs.command(short_help="Delete a job with its files.")
 @JOB
 @_SERVICE
-@click.pass_context
-def delete(context: click.Context, job: str, server: str | None) -> None:
+def delete(job: str, server: str) -> None:
     """Delete JOB, which does not run, with all its files."""
-    _send(context, server, "DELETE", job)
+    _send(server, "DELETE", job)
     print_message(f"{job}: deleted")

@@ -82,12 +82,7 @@ def _checked(token: str, place: str) -> str:
 
 
 class Connection:
-    """A connection to a service; a context manager that closes it.
-
-    Args:
-        server: The address of the service.
-        token: Of the user; empty if the service has no users.
-        transport: How requests are sent. [default: over the network]
+    """A connection to a service, with the token of a user if it has users; a context manager that closes it.
 
     Raises:
         ClientError: The address is not valid.
@@ -119,19 +114,13 @@ class Connection:
         return f"{self.server}/jobs/{quote(job, safe='')}"
 
     def call(self, method: str, path: str, **given: Any) -> Any:  # noqa: ANN401 - JSON
-        """The answer to a request, as data.
-
-        Args:
-            method: Of the request.
-            path: Below /api/v1.
-            given: As for httpx: json, params, headers.
+        """The answer to a request to a path below /api/v1, as data; what is given is as for httpx.
 
         Raises:
             ClientError: The service refuses it, or cannot be reached.
         """
-        with self.answering():
-            answer = self.http.request(method, path, **given)
-            self.check(answer)
+        with self.stream(method, path, **given) as answer:
+            answer.read()
         if answer.status_code == 204:
             return None
         try:
@@ -140,34 +129,31 @@ class Connection:
             raise ClientError(f"{self.server}: expected an answer in JSON, found something else") from None
 
     @contextlib.contextmanager
-    def answering(self) -> Iterator[None]:
-        """Report what goes wrong with a request as an error of the service.
+    def stream(self, method: str, path: str, **given: Any) -> Iterator[httpx.Response]:  # noqa: ANN401 - as for httpx
+        """The answer to a request, as `call`, while it comes.
 
         Raises:
-            Lost: The service cannot be reached.
+            ClientError: The service refuses the request.
+            Lost: The service cannot be reached, or cannot answer now.
         """
         try:
-            yield
+            with self.http.stream(method, path, **given) as answer:
+                if not answer.is_success:
+                    raise self._refusal(answer)
+                yield answer
         except httpx.HTTPError as error:
             what = str(error) or type(error).__name__
             raise Lost(f"{self.server}: cannot be reached: {what}; a service is started by: mdesign serve") from None
         except httpx.InvalidURL as error:
             raise ClientError(f"{self.server}: expected an address such as {SERVER}, found: {error}") from None
 
-    def check(self, answer: httpx.Response) -> None:
-        """Check that an answer is no error.
-
-        Raises:
-            ClientError: It is, with the messages of the service.
-            Lost: The service cannot answer now.
-        """
-        if answer.is_success:
-            return
+    def _refusal(self, answer: httpx.Response) -> ClientError:
+        """An answer that is an error, with the messages of the service."""
         status, messages = answer.status_code, _messages(answer)
         if status == 401:
             messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}, or in a line of {token_file()}")
         kind = Lost if status in (502, 503, 504) else ClientError
-        raise kind(*messages, status=status)
+        return kind(*messages, status=status)
 
 
 def checked_address(server: str) -> str:

@@ -44,18 +44,12 @@ def fetch_file(connection: Connection, job: str, name: str, to: BinaryIO) -> Non
         OSError: It cannot be written.
     """
     path = f"/jobs/{quote(job, safe='')}/files/{quote(name)}"
-    with connection.answering(), connection.http.stream("GET", path, headers={"Accept": "*/*"}) as answer:
-        connection.check(answer)
+    with connection.stream("GET", path, headers={"Accept": "*/*"}) as answer:
         to.writelines(answer.iter_bytes())
 
 
 def fetch_folder(connection: Connection, job: str, folder: Path) -> list[str]:
-    """Fetch the whole run folder of a job: it is complete, or not there. Returns its files.
-
-    Args:
-        connection: To the service.
-        job: Its identity.
-        folder: New or empty.
+    """Fetch the whole run folder of a job to a new or empty folder: it is complete, or not there. Returns its files.
 
     Raises:
         ClientError: The folder has files, there is no such job, it has no files, or the connection was lost.

@@ -59,12 +59,6 @@ def events_of(
 ) -> Iterator[Told]:
     """The events of a job until it has ended: each event of its journal once, whatever happens to the connection.
 
-    Args:
-        connection: To the service.
-        job: Its identity.
-        announce: Called with a message when the connection is lost.
-        sleep: Waits for so many seconds.
-
     Raises:
         ClientError: There is no such job, or the service refuses to follow it.
     """
@@ -89,8 +83,7 @@ def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str,
     headers = {"Accept": "text/event-stream", "Cache-Control": "no-store"} | ({"Last-Event-ID": place} if place else {})
     timeout = httpx.Timeout(_SILENCE, connect=10.0)
     path = f"/jobs/{quote(job, safe='')}/events"
-    with connection.answering(), connection.http.stream("GET", path, headers=headers, timeout=timeout) as answer:
-        connection.check(answer)
+    with connection.stream("GET", path, headers=headers, timeout=timeout) as answer:
         try:
             for event in EventSource(answer).iter_sse():
                 if not event.data:  # httpx_sse makes an event of a comment, which the service sends against silence
@@ -112,15 +105,7 @@ def follow(
     each: Callable[[Told], None] = lambda told: None,  # noqa: ARG005 - a name for the reader
     sleep: Sleep = time.sleep,
 ) -> dict[str, Any]:
-    """Show the progress of a job until it has ended; returns the job at its end.
-
-    Args:
-        connection: To the service.
-        job: Its identity.
-        mode: How to show it.
-        announce: Called with a message when it waits.
-        each: Called with each event.
-        sleep: Waits for so many seconds.
+    """Show the progress of a job until it has ended, and call `each` with its events; returns the job at its end.
 
     Raises:
         ClientError: As `events_of`.

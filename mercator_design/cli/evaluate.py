@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Unpack
 
 import click
 
@@ -71,20 +72,18 @@ from mercator_design.sim.simulate import Simulator
 def evaluate(
     fsm: tuple[Path, ...],
     fsm_config: str | None,
-    mission: str | None,
     runs: int,
     seed: int,
     instances: tuple[int, ...],
     jobs: int | None,
-    robot_model: str | None,
     flavour: str | None,
     lenient: bool,
-    overrides: tuple[str, ...],
     stats: bool,
     as_json: bool,
     as_csv: bool,
     progress: Mode,
     cost_alone: bool,
+    **given: Unpack[Given],
 ) -> None:
     """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
 
@@ -108,7 +107,6 @@ def evaluate(
     """  # noqa: D301 - click reads the control character
     if as_json + as_csv + cost_alone > 1:
         raise click.UsageError("--json, --csv and --cost exclude each other")
-    given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
     pfsms, simulator = _controllers(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     if cost_alone and len(pfsms) > 1:
         raise click.UsageError(f"--cost is of one controller, found {len(pfsms)}")

@@ -1,10 +1,11 @@
 """mdesign record: the trace of one experiment."""
 
 from pathlib import Path
+from typing import Unpack
 
 import click
 
-from mercator_design.cli.inputs import simulator_of, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller
 from mercator_design.errors import printable
@@ -40,12 +41,10 @@ def record(
     output: Path,
     devices: str,
     every: int,
-    mission: str | None,
     seed: int,
-    robot_model: str | None,
     flavour: str | None,
     lenient: bool,
-    overrides: tuple[str, ...],
+    **given: Unpack[Given],
 ) -> None:
     """Run one experiment and write its trace: poses, states and the readings of devices, with time stamps.
 
@@ -60,7 +59,7 @@ def record(
         if name not in DEVICES:
             raise click.BadParameter(f"expected a device: {', '.join(DEVICES)}, found '{name}'", param_hint="--devices")
     file = read_controller(fsm, flavour, lenient=lenient)
-    simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
+    simulator = simulator_of(fsm, file, given)
     loaded = simulator.mission
     warn_of_mission(simulator, refuse=False)
     warn_of_no_effect(simulator, file.pfsm.flavour, file.pfsm)

@@ -3,10 +3,11 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Unpack
 
 import click
 
-from mercator_design.cli.inputs import ignore, simulator_of
+from mercator_design.cli.inputs import Given, ignore, simulator_of
 from mercator_design.cli.options import JSON, MISSION, PLUGIN, ROBOT_MODEL, SET
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result
 from mercator_design.errors import FsmError
@@ -24,15 +25,7 @@ from mercator_design.sim.robot_model import load_robot_model
 @SET
 @PLUGIN
 @JSON
-def lint(
-    fsm: Path,
-    mission: str | None,
-    robot_model: str | None,
-    flavour: str | None,
-    lenient: bool,
-    overrides: tuple[str, ...],
-    as_json: bool,
-) -> None:
+def lint(fsm: Path, flavour: str | None, lenient: bool, as_json: bool, **given: Unpack[Given]) -> None:
     """Find what is wrong or superfluous in a PFSM, on its mission if one is known.
 
     \b
@@ -50,13 +43,11 @@ def lint(
     code, place, message and is_note.
     """  # noqa: D301 - click reads the control character
     file = read_fsm(fsm, flavour, tolerate=ignore if lenient else None)
-    if mission is not None or "mission" in file.header:
-        simulator = simulator_of(
-            fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides}, warn=ignore
-        )
+    if given["mission"] is not None or "mission" in file.header:
+        simulator = simulator_of(fsm, file, given, warn=ignore)
         found = findings_of(file.pfsm, file.names, simulator.mission, simulator.robot_model)
     else:
-        model = load_robot_model(robot_model) if robot_model is not None else None
+        model = load_robot_model(given["robot_model"]) if given["robot_model"] is not None else None
         found = findings_of(file.pfsm, file.names, model=model)
     if as_json:
         print_result(json.dumps([asdict(one) for one in found], indent=2))

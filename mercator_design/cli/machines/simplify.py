@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 import click
 
 from mercator_design.analysis.simplification import SHARE
 from mercator_design.analysis.simplification import simplify as simplified
-from mercator_design.cli.inputs import simulator_of, warn_of_mission
+from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import (
@@ -61,14 +62,12 @@ _OF_THE_ORIGINAL = {"score", "spread", "test", "configuration"}
 def simplify(
     fsm: Path,
     output: Path,
-    mission: str | None,
     runs: int,
     margin: float | None,
     seed: int,
     jobs: int | None,
-    robot_model: str | None,
     flavour: str | None,
-    overrides: tuple[str, ...],
+    **given: Unpack[Given],
 ) -> None:
     """Remove states and transitions of a PFSM that are shown not to matter on a mission.
 
@@ -80,7 +79,7 @@ def simplify(
     The header of the written file has the evidence. With the same seed, the result is the same.
     """
     file = read_controller(fsm, flavour, lenient=False)
-    simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": robot_model, "overrides": overrides})
+    simulator = simulator_of(fsm, file, given)
     warn_of_mission(simulator, refuse=False)
     simulator.check(file.pfsm)
     simulator.rehearse(announce=print_message)

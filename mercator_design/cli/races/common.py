@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import click
 from click.core import ParameterSource
@@ -58,6 +59,16 @@ OPTUNA = click.option(
     metavar="URL",
     help="Copy the race into an Optuna storage, e.g. sqlite:///race.db, for optuna-dashboard.",
 )
+
+
+class RunOptions(TypedDict):
+    """How a race runs: the options that race and tune share."""
+
+    on_failure: OnFailure
+    no_report: bool
+    optuna: str | None
+    progress: Mode
+    json_lines: bool
 
 
 def method_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -120,29 +131,13 @@ def run(
     folder: RunFolder,
     executor: Executor,
     executor_name: str,
-    *,
-    on_failure: OnFailure,
-    optuna: str | None,
-    progress: Mode,
-    json_lines: bool,
     interrupt: Interrupt,
-    reports: bool,
+    *,
     proof_runs: int | None = None,
+    **given: Unpack[RunOptions],
 ) -> None:
-    """Run the race of a folder to its end, print its summary, and write its report.
-
-    Args:
-        folder: The run folder.
-        executor: Runs the experiments.
-        executor_name: The name of the executor, for the journal.
-        on_failure: As in `RaceRun`.
-        optuna: Optuna storage to copy the race into.
-        progress: How to show the progress.
-        json_lines: Whether to print the events on stdout, and the summary on stderr.
-        interrupt: Handles signals that stop the race.
-        reports: Whether to write the report.
-        proof_runs: As in `write_report`.
-    """
+    """Run the race of a folder to its end, print its summary, and write its report."""
+    progress, json_lines = given["progress"], given["json_lines"]
     record, jobs, optimizer = folder.journal.record, executor.jobs, folder.task.optimizer
     for note in folder.journal.notes:
         print_note(f"Note: {note}")
@@ -150,7 +145,12 @@ def run(
     experiments, tests = len(record.experiments), len(record.tests)
     resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
     race = RaceRun(
-        folder.task, executor, folder.journal, on_failure=on_failure, testing=folder.testing, stopped=interrupt.came
+        folder.task,
+        executor,
+        folder.journal,
+        on_failure=given["on_failure"],
+        testing=folder.testing,
+        stopped=interrupt.came,
     )
     messages = _Messages(folder)
     try:
@@ -159,7 +159,7 @@ def run(
             RaceDisplay(
                 folder.task, record.budget, folder.testing, progress, progress=lambda: optimizer.progress
             ) as display,
-            _mirror(optuna, folder) as mirror,
+            _mirror(given["optuna"], folder) as mirror,
         ):
             display.known = experiments
             if json_lines:
@@ -193,7 +193,7 @@ def run(
         folder.finish(race.result, seconds=round(display.seconds, 3))
     finally:
         print_result(with_notes_wrapped(summary, terminal_width()), nl=False, err=json_lines)
-    if reports:
+    if not given["no_report"]:
         _report(folder, proof_runs, jobs, progress, interrupt, err=json_lines)
 
 

@@ -3,7 +3,7 @@
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import click
 
@@ -16,6 +16,7 @@ from mercator_design.cli.races.common import (
     OPTUNA,
     OUTPUT,
     RESUME,
+    RunOptions,
     check_usage,
     free_folder,
     method_option,
@@ -30,9 +31,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.executors import Executor, ProcessExecutor, available_jobs
-from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.thread_executor import ThreadExecutor
-from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
@@ -101,16 +100,12 @@ def race(
     executor_name: str,
     scheduler: str | None,
     timeout: float | None,
-    on_failure: OnFailure,
     test_runs: int | None,
     test_elites: int | None,
     test_iterations: bool,
-    no_report: bool,
     proof_runs: int | None,
-    optuna: str | None,
-    progress: Mode,
-    json_lines: bool,
     overrides: tuple[str, ...],
+    **given: Unpack[RunOptions],
 ) -> None:
     """Design control software for MISSION, by a race of many designs in simulation.
 
@@ -144,18 +139,7 @@ def race(
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
             folder.task.prepare(print_note)
-        run(
-            folder,
-            executor,
-            executor_name,
-            on_failure=on_failure,
-            optuna=optuna,
-            progress=progress,
-            json_lines=json_lines,
-            interrupt=interrupt,
-            reports=not no_report,
-            proof_runs=proof_runs,
-        )
+        run(folder, executor, executor_name, interrupt, proof_runs=proof_runs, **given)
 
 
 def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:

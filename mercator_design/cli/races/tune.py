@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import click
 
@@ -14,6 +15,7 @@ from mercator_design.cli.races.common import (
     OPTUNA,
     OUTPUT,
     RESUME,
+    RunOptions,
     check_usage,
     free_folder,
     method_option,
@@ -34,7 +36,6 @@ from mercator_design.race.running.executors import ExecutorStopped, Failed, Reje
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.columns import aligned, csv_text
-from mercator_design.report.progress import Mode
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.system.files import write_text, writing
@@ -106,11 +107,7 @@ def tune(
     only_test: Path | None,
     output: Path | None,
     resume: Path | None,
-    on_failure: OnFailure,
-    no_report: bool,
-    optuna: str | None,
-    progress: Mode,
-    json_lines: bool,
+    **given: Unpack[RunOptions],
 ) -> None:
     """Find parameters of the program of SCENARIO, irace's scenario.txt.
 
@@ -125,7 +122,7 @@ def tune(
     needed = () if scenario_option is not None else ("scenario",)
     check_usage(context, resumed=resume is not None, fixed=_FIXED, needed=needed)
     scenario = scenario or scenario_option
-    if (check or only_test is not None) and (optuna is not None or speculate):
+    if (check or only_test is not None) and (given["optuna"] is not None or speculate):
         raise click.UsageError("--optuna and --speculate need a race: --check and --only-test run none")
     if check and (only_test is not None or output is not None):
         raise click.UsageError("--check takes neither --only-test nor --output")
@@ -133,17 +130,17 @@ def tune(
         folder = reopen(resume, "scenario")
     else:
         assert scenario is not None  # noqa: S101 - `check_usage` has checked
-        given = _given(
+        settings = _settings(
             maxExperiments=max_experiments, seed=seed, parallel=parallel, execDir=exec_dir, targetRunner=target_runner
         )
-        tuner = Tuner(read_scenario(scenario, given), method)
+        tuner = Tuner(read_scenario(scenario, settings), method)
         for note in tuner.optimizer.notes:
             print_note(f"Note: {note}")
         if check:
             _check(tuner)
             return
         if only_test is not None:
-            _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, on_failure)
+            _only_test(tuner, only_test, output, parallel or tuner.scenario.jobs, given["on_failure"])
             return
         of, testing = tuner.scenario, None
         if of.test_instances and of.test_elites:
@@ -156,20 +153,10 @@ def tune(
     with folder, Interrupt(then=folder.task.stop, notice=NOTICE) as interrupt:
         if resume is not None and max_experiments is not None:
             folder.extend(max_experiments)
-        run(
-            folder,
-            executor,
-            "threads",
-            on_failure=on_failure,
-            optuna=optuna,
-            progress=progress,
-            json_lines=json_lines,
-            interrupt=interrupt,
-            reports=not no_report,
-        )
+        run(folder, executor, "threads", interrupt, **given)
 
 
-def _given(**options: Path | int | None) -> list[Assignment]:
+def _settings(**options: Path | int | None) -> list[Assignment]:
     """The settings of the command line, by irace's names; paths are relative to the current folder."""
     return [
         Assignment(name, str(value.absolute()) if isinstance(value, Path) else value, "the command line")

@@ -42,18 +42,10 @@
       const stage = make("div", { id: "replay" });
       const picks = fsms.map((one, k) => make("input", { type: "checkbox", id: `pick-${k}`, checked: k < 2 }));
       const instance = make("select", { id: "instance" }, ...data.seeds.slice(0, 100).map((seed, k) => make("option", { value: seed }, `${k + 1}: instance of seed ${seed}`)));
-      let latest = 0;
       const replay = async () => {
-        const own = ++latest;
         const shown = fsms.filter((_, k) => picks[k].checked).slice(0, SIDE_BY_SIDE);
         for (const pick of picks) pick.disabled = !pick.checked && shown.length >= SIDE_BY_SIDE;
-        if (!shown.length) return;
-        try {
-          const sources = await api("POST", "/fsms/replay", { mission: on, fsms: shown, seed: Number(instance.value) });
-          if (own === latest) await Mercator.replays(stage, sources);
-        } catch (error) {
-          stage.replaceChildren(Mercator.problem(error));
-        }
+        if (shown.length) await Mercator.replay(stage, { mission: on, fsms: shown, seed: Number(instance.value) });
       };
       for (const one of [...picks, instance]) one.addEventListener("change", replay);
       at("results").replaceChildren(

@@ -461,13 +461,7 @@
       const data = await api("POST", "/fsms/evaluate", { ...task, runs: Number(at("runs").value), seed: Number(at("seed").value) });
       const stage = make("div", { id: "replay" });
       const instances = data.seeds.slice(0, 100).map((seed, k) => [seed, `${k + 1}: score ${data.fsms.map((one) => Mercator.number(one.scores[k])).join(" against ")}`]);
-      const replay = async (seed) => {
-        try {
-          await Mercator.replays(stage, await api("POST", "/fsms/replay", { ...task, seed: Number(seed) }));
-        } catch (error) {
-          stage.replaceChildren(Mercator.problem(error));
-        }
-      };
+      const replay = (seed) => Mercator.replay(stage, { ...task, seed: Number(seed) });
       at("results").replaceChildren(make("section", {}, make("h2", {}, "Scores"), Mercator.evaluation(data)),
         make("section", {}, make("h2", {}, "Replay"), field("instance", "Instance", choice("instance", instances, data.seeds[0], replay)), stage));
       at("progress").textContent = "Replaying one instance …";

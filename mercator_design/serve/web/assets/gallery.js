@@ -29,11 +29,7 @@
     stage.replaceChildren(make("p", { role: "status" }, "Running one instance …"));
     viewer.showModal();
     const given = { [card.dataset.kind]: card.dataset.id };
-    try {
-      await Mercator.replays(stage, await api("POST", "/fsms/replay", { mission: given, fsms: [{ ...given, name: card.querySelector("h2").textContent.slice(0, 100) }] }));
-    } catch (error) {
-      stage.replaceChildren(Mercator.problem(error));
-    }
+    await Mercator.replay(stage, { mission: given, fsms: [{ ...given, name: card.querySelector("h2").textContent.slice(0, 100) }] });
   }
 
   function chosen() {

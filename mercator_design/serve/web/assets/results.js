@@ -61,14 +61,19 @@ Object.assign(Mercator, {
       ] : []));
   },
 
-  /** Show replays in an element, side by side. */
-  async replays(element, sources) {
-    if (element.player) element.player.pause();
-    const stage = Mercator.make("div", { class: "stage" });
-    const root = Mercator.make("div");
-    stage.append(root);
-    element.replaceChildren(stage);
-    element.player = await MercatorReplay.mount(root, sources);
+  /** Run FSMs on an instance, and show the replays in an element, side by side; of several requests, the last counts. */
+  async replay(element, task) {
+    element.asked = task;
+    try {
+      const sources = await Mercator.api("POST", "/fsms/replay", task);
+      if (element.asked !== task) return;
+      if (element.player) element.player.pause();
+      const root = Mercator.make("div");
+      element.replaceChildren(Mercator.make("div", { class: "stage" }, root));
+      element.player = await MercatorReplay.mount(root, sources);
+    } catch (error) {
+      if (element.asked === task) element.replaceChildren(Mercator.problem(error));
+    }
   },
 
   /** Copy a text; a page without TLS may not use the clipboard, so there the text is selected and copied. */

@@ -111,11 +111,11 @@ def line_chart(lines: Sequence[Line], x: Axis, y: Axis) -> str:
         y=y,
         xs=[value for line in lines for value in line.x],
         ys=[value for line in lines for value in (*line.y, *line.low, *line.high)],
-        legend=[(line.name, f"var(--k{k % len(COLOURS)})") for k, line in enumerate(lines)],
+        legend=[line.name for line in lines],
     )
     drawn = []
     for k, line in enumerate(lines):
-        colour = f"var(--k{k % len(COLOURS)})"
+        colour = _ink(k)
         if line.low:
             there = [frame.at(*point) for point in zip(line.x, line.high, strict=True)]
             back = [frame.at(*point) for point in zip(line.x, line.low, strict=True)]
@@ -142,7 +142,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
         y=y,
         xs=[],
         ys=[0.0, *sums],
-        legend=[(kind.name, f"var(--k{k % len(COLOURS)})") for k, kind in enumerate(kinds)],
+        legend=[kind.name for kind in kinds],
     )
     drawn = []
     below = [0.0] * len(names)
@@ -153,7 +153,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
             below[place] += value
             drawn.append(
                 f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}" '
-                f'fill="var(--k{k % len(COLOURS)})" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
+                f'fill="{_ink(k)}" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
                 f"<title>{escaped(names[place])}, {escaped(kind.name)}: {number(value)}</title></rect>"
             )
     return frame.svg(drawn)
@@ -177,7 +177,7 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     )
     drawn = []
     for k, row in enumerate(rows):
-        y, colour = frame.top + _ROW * (k + 0.5), f"var(--k{row.colour % len(COLOURS)})"
+        y, colour = frame.top + _ROW * (k + 0.5), _ink(row.colour)
         x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
         drawn += [
             f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
@@ -284,7 +284,7 @@ class _Frame:
     y: Axis
     xs: Sequence[float]
     ys: Sequence[float]
-    legend: Sequence[tuple[str, str]]
+    legend: Sequence[str]  # names of lines or kinds, whose colours are in this order
     width: float = WIDTH
     height: float = 270.0
     left: float = 58.0
@@ -293,7 +293,7 @@ class _Frame:
     top: float = field(init=False)
 
     def __post_init__(self) -> None:
-        self.places = list(_legend_places([name for name, _ in self.legend], self.left, self.width))
+        self.places = list(_legend_places(self.legend, self.left, self.width))
         self.top = 10.0 + (self.places[-1][1] + 12.0 if self.places else 0.0)
         self.bottom = self.height - 42.0
         self.x_range, self.y_range = _range(self.x, self.xs), _range(self.y, self.ys)
@@ -331,8 +331,8 @@ class _Frame:
         yield _text(centre, self.height - 8, label(self.x.title, 60), "middle")
 
     def _legend(self) -> Iterator[str]:
-        for (name, colour), (x, y) in zip(self.legend, self.places, strict=True):
-            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{colour}"/>'
+        for k, (name, (x, y)) in enumerate(zip(self.legend, self.places, strict=True)):
+            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{_ink(k)}"/>'
             yield _text(x + 17, y, label(name, 60))
 
 
@@ -370,6 +370,11 @@ def _limits(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
     known = [value for value in values if not math.isnan(value)]
     low, high = min(known, default=0.0), max(known, default=1.0)
     return _range(axis if axis.categories else axis._replace(low=low, high=high), [])
+
+
+def _ink(k: int) -> str:
+    """The colour of the k-th line or kind."""
+    return f"var(--k{k % len(COLOURS)})"
 
 
 def _between(value: float, low: float, high: float, start: float, end: float) -> float:

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from mercator_design.serve.accounts.entrance import Entrance, check_certificate, is_loopback
+from mercator_design.serve.accounts.entrance import Entrance, check_certificate
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.settings import ServiceError
 
@@ -32,13 +32,13 @@ def certificate(tmp_path_factory):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_this_machine_needs_nothing(users, host):
-    assert is_loopback(host)
+    assert Entrance(host=host).is_local
     Entrance(host=host).check(users)
 
 
 @pytest.mark.parametrize("host", [ANY, "::", "192.0.2.1", "lab.example.org", "", "127.0.0.1.example"])
 def test_others_need_a_user_and_tls(users, host):
-    assert not is_loopback(host)
+    assert not Entrance(host=host).is_local
     with pytest.raises(ServiceError) as refused:
         Entrance(host=host).check(users)
     first, second = refused.value.messages

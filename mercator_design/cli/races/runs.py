@@ -35,6 +35,8 @@ from mercator_design.runs.tables import configurations_table, experiments_table,
 from mercator_design.runs.verification import verify as verify_run
 from mercator_design.system.files import write_text, writing
 
+_TABLES = {"experiments": experiments_table, "configurations": configurations_table, "tests": tests_table}
+
 
 @contextlib.contextmanager
 def _stoppable(task: Task[Any], jobs: int | None) -> Iterator[tuple[Executor, Callable[[], bool]]]:
@@ -74,19 +76,13 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 
 @runs.command(short_help="Show a race and its results.")
 @click.argument("directory", type=FOLDER)
-@click.option(
-    "--csv", "what", type=click.Choice(["experiments", "configurations", "tests"]), help="Print a table as CSV."
-)
+@click.option("--csv", "what", type=click.Choice([*_TABLES]), help="Print a table as CSV.")
 def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY; it may be running, interrupted or finished."""
     if what is None:
         print_result(with_notes_wrapped(run_summary(directory), terminal_width()))
-    elif what == "experiments":
-        print_result(experiments_table(directory).to_csv(index=False), nl=False)
-    elif what == "tests":
-        print_result(tests_table(directory).to_csv(index=False), nl=False)
     else:
-        print_result(configurations_table(directory).to_csv(), nl=False)
+        print_result(_TABLES[what](directory).to_csv(index=what == "configurations"), nl=False)
 
 
 @runs.command(short_help="Compare races, and their winners on the same instances.")

@@ -14,14 +14,6 @@ _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::\d{1,5})?", re.ASCII | re.IGNORECASE)
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entrance:
     """How clients reach the service.
@@ -42,7 +34,9 @@ class Entrance:
     @property
     def is_local(self) -> bool:
         """Whether only this machine reaches it: then it may be used without users."""
-        return is_loopback(self.host) and not self.is_behind_proxy
+        address = _address(self.host)
+        is_loopback = self.host == "localhost" if address is None else address.is_loopback
+        return is_loopback and not self.is_behind_proxy
 
     def knows(self, host: str) -> bool:
         """Whether a Host header names this service. Another site may have rebound its own name to this machine."""
@@ -54,7 +48,8 @@ class Entrance:
             return True
         if self.is_local or self.is_behind_proxy:
             return False
-        return name in {self.host.lower(), socket.gethostname().lower()} or _is_address(name)
+        # No page can rebind the address of a machine itself.
+        return name in {self.host.lower(), socket.gethostname().lower()} or _address(name) is not None
 
     def check(self, users: Users) -> None:
         """Refuse to open a service to others without users or without TLS.
@@ -105,10 +100,9 @@ def _data(users: Users) -> Path:
     return users.file.parent.parent
 
 
-def _is_address(name: str) -> bool:
-    """Whether it is the address of a machine itself, which no page can rebind."""
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """The address that a text is, if it is one."""
     try:
-        ipaddress.ip_address(name)
+        return ipaddress.ip_address(host)
     except ValueError:
-        return False
-    return True
+        return None

@@ -43,15 +43,15 @@ _YEAR = "max-age=31536000"
 _JOB = re.compile(r"/(?:api/v1/)?jobs/([^/]+)")
 
 
-def cookie_name(*, is_secure: bool) -> str:
+def cookie_name(scope: Scope) -> str:
     """The name of the cookie of a session. Over TLS, a browser takes this name from no other host."""
-    return "__Host-session" if is_secure else "session"
+    return "__Host-session" if scope["scheme"] == "https" else "session"
 
 
 def session_of(scope: Scope) -> str | None:
     """The secret of the session that a browser says it has."""
     cookies = "; ".join(Headers(scope=scope).getlist("cookie"))
-    return cookie_parser(cookies).get(cookie_name(is_secure=scope["scheme"] == "https"))
+    return cookie_parser(cookies).get(cookie_name(scope))
 
 
 def address_of(scope: Scope) -> str:
@@ -81,17 +81,7 @@ class Openings:
 
 
 class Guard:
-    """Answers what it refuses, and puts the user of all else in the state of the request.
-
-    Args:
-        app: The application.
-        accounts: Who may use it.
-        entrance: How it is reached.
-        openings: The addresses that need no login.
-        max_streams: Event streams of a user at the same time.
-        body_seconds: Seconds in which a body has to come.
-        clock: Seconds that have passed since some time.
-    """
+    """Answers what it refuses, and puts the user of all else in the state of the request."""
 
     def __init__(
         self,

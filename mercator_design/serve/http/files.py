@@ -40,13 +40,11 @@ def files(service: TheService, row: VisibleJob) -> list[File]:
 @router.get("/jobs/{id}/files/{name:path}", response_class=StreamingResponse)
 def file(service: TheService, row: VisibleJob, name: Annotated[str, InPath(max_length=400)]) -> StreamingResponse:
     """Fetch a file of a job's run folder: fsm.txt, report.html, results.csv, journal.jsonl, ..."""
-    path = files_of(service.store.run_folder(row.id)).get(name)
     try:
-        opened = None if path is None else path.open("rb")
-    except FileNotFoundError:  # just removed
-        opened = None
-    if path is None or opened is None:
-        raise Missing(f"{row.id} has no file {name}")
+        path = files_of(service.store.run_folder(row.id))[name]
+        opened = path.open("rb")
+    except (KeyError, FileNotFoundError):  # the latter: just removed
+        raise Missing(f"{row.id} has no file {name}") from None
     # A journal grows while it is sent, and other files are replaced: what is sent is as long as the answer says.
     length = end_of(opened) if name == JOURNAL else os.fstat(opened.fileno()).st_size
     headers = {

@@ -45,8 +45,7 @@ from mercator_design.view.markup import escaped, escaped_lines
 router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 
 _SECONDS = 15  # between two refreshes without an event
-_STALE = {"X-Again": "1"}
-"""The header of a part that will be newer soon: the page asks again."""
+_READING = '<p class="faint">Reading the race …</p>'
 _FIRST = (FSM, "report.html", "results.csv", "journal.jsonl", "mission.yaml")
 """Files that most users look for."""
 
@@ -62,17 +61,15 @@ _TheParts = Annotated[Kept, Depends(_kept)]
 def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
     """The page of a job."""
     at = escaped(api_address(row))
-    race = f'<div id="race" data-live="{address(row, "/race")}"><p class="faint">Reading the race …</p></div>'
     replay = section(
         "replay", "Replay",
         '<p><button type="button" id="watch">Replay the best so far</button> <span id="shown" class="faint"></span></p>'
         '<div class="tabs" id="runs" role="group" aria-label="Runs"></div><div id="stage"></div>',
     )  # fmt: skip
-    about = f'<div id="about" data-live="{address(row, "/about")}"></div>'
     body = (
         f'<div id="job" data-id="{escaped(row.id)}" data-api="{at}">{_now(service, user, row)}'
-        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{replay}{race}'
-        f'<div id="files" data-live="{address(row, "/files")}">{_files(service, row)}</div>{about}'
+        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{replay}{_live(row, "race", _READING)}'
+        f"{_files(service, row)}{_live(row, 'about', '')}"
         f"{_messages(service, row) if may_change(user, row) else ''}</div>"
     )
     scripts = ("viewer.js", "page.js", "live.js", "job.js")
@@ -88,7 +85,7 @@ def now(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
 @router.get("/files")
 def files(service: TheService, row: VisibleJob) -> HTMLResponse:
     """The files of a job, for its page."""
-    return fragment(f'<div id="files" data-live="{address(row, "/files")}">{_files(service, row)}</div>')
+    return fragment(_files(service, row))
 
 
 @router.get("/messages")
@@ -102,41 +99,40 @@ def race(
     service: TheService, parts: _TheParts, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
 ) -> Response:
     """The race of a job, for its page; nothing new if the page has it."""
-    live = f'id="race" data-live="{address(row, "/race")}"'
-    try:
-        part, is_fresh = _part(service, parts, row, race_part)
-    except ServiceError:
-        raise
-    except MercatorError as error:
-        return fragment(f'<div {live}><p class="problem">{escaped_lines(error)}</p></div>')
-    if part is None and is_fresh:
-        answer: Response = fragment(f"<div {live}>{_without_race(row)}</div>")
-    elif part is None:
-        answer = fragment(f'<div {live}><p class="faint">Reading the race …</p></div>')
+    part, is_fresh = _part(service, parts, row, race_part)
+    if isinstance(part, MercatorError):
+        return fragment(_live(row, "race", f'<p class="problem">{escaped_lines(part)}</p>'))
+    if part is None:
+        answer: Response = fragment(_live(row, "race", _without_race(row) if is_fresh else _READING))
     elif have == part.version:
         answer = Response(status_code=204)
     else:
-        answer = fragment(f'<div {live}{_best_runs(part)} data-have="{part.version}">{part.text}</div>')
-    return answer if is_fresh else _again(answer)
+        answer = fragment(_live(row, "race", part.text, f'{_best_runs(part)} data-have="{part.version}"'))
+    return _aged(answer, is_fresh=is_fresh)
 
 
 @router.get("/about")
 def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
     """What was asked and where the race comes from, for the page of a job."""
+    part, is_fresh = _part(service, parts, row, about_part)
+    text = part.text if isinstance(part, Part) else ""  # what is wrong with the race, its own part says
+    return _aged(fragment(_live(row, "about", text)), is_fresh=part is not None or is_fresh)
+
+
+def _part(
+    service: Service, parts: Kept, row: Row, make: Callable[[Path], Part]
+) -> tuple[Part | MercatorError | None, bool]:
+    """A part of the page or what is wrong with the race, and whether there is no newer one.
+
+    Without a part, whether the race has not begun.
+    """
+    folder = service.store.run_folder(row.id)
     try:
-        part, is_fresh = _part(service, parts, row, about_part)
+        return parts.get(make, folder) if (folder / JOURNAL).exists() else (None, True)
     except ServiceError:
         raise
-    except MercatorError:  # the race's part says it
-        part, is_fresh = None, True
-    answer = fragment(f'<div id="about" data-live="{address(row, "/about")}">{part.text if part else ""}</div>')
-    return answer if part or is_fresh else _again(answer)
-
-
-def _part(service: Service, parts: Kept, row: Row, make: Callable[[Path], Part]) -> tuple[Part | None, bool]:
-    """A part of the page, and whether there is no newer one; without a part, whether the race has not begun."""
-    folder = service.store.run_folder(row.id)
-    return parts.get(make, folder) if (folder / JOURNAL).exists() else (None, True)
+    except MercatorError as error:
+        return error, True
 
 
 def _best_runs(part: Part) -> str:
@@ -149,16 +145,23 @@ def _best_runs(part: Part) -> str:
     return f' data-best="{part.best}" data-runs="{escaped(json.dumps(runs))}"'
 
 
-def _again(answer: Response) -> Response:
-    answer.headers.update(_STALE)
+def _live(row: Row, part: str, content: str, attributes: str = "") -> Html:
+    """A part of the page that is asked for again."""
+    return Html(f'<div id="{part}" data-live="{address(row, f"/{part}")}"{attributes}>{content}</div>')
+
+
+def _aged(answer: Response, *, is_fresh: bool) -> Response:
+    """A part that will be newer soon, if it is not fresh: then the page asks again."""
+    if not is_fresh:
+        answer.headers["X-Again"] = "1"
     return answer
 
 
 def _now(service: Service, user: User, row: Row) -> Html:
     """The state of a job and what can be done now."""
     ends = "true" if row.state in ENDED else "false"
-    live = f'id="now" data-live="{address(row, "/now")}" data-seconds="{_SECONDS}" data-ended="{ends}"'
-    live += f' data-state="{row.state}" data-place="{_place(service, row)}"'
+    facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
+    facts += f' data-place="{_place(service, row)}"'
     what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", row.name), ("job", row.id)]
     if user.name != LOCAL.name:
         what.append(("owner", row.owner or "a run folder of no job"))
@@ -174,7 +177,7 @@ def _now(service: Service, user: User, row: Row) -> Html:
         links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
     all_actions = f'<div class="actions">{_design(service, row)}{actions}{again}{links}</div>'
-    return Html(f"<div {live}>{words}{all_actions}{facts_list(what)}</div>")
+    return _live(row, "now", f"{words}{all_actions}{facts_list(what)}", facts)
 
 
 def _design(service: Service, row: Row) -> str:
@@ -243,13 +246,13 @@ def _files(service: Service, row: Row) -> Html:
     found = files_of(service.store.run_folder(row.id))
     names = [*(one for one in _FIRST if one in found), *sorted(found.keys() - {*_FIRST})]
     if not names:
-        return Html()
+        return _live(row, "files", "")
     links = "".join(f"<li>{_link(row, name, found[name])}</li>" for name in names)
     report = ""
     if REPORT in found:
         to = api_address(row, f"/files/{REPORT}")
         report = f'<p><a class="button main" href="{to}" target="_blank" rel="noopener">Open the full report</a></p>'
-    return section("artefacts", "Files", report, f'<ul class="files">{links}</ul>')
+    return _live(row, "files", section("artefacts", "Files", report, f'<ul class="files">{links}</ul>'))
 
 
 def _link(row: Row, name: str, path: Path) -> str:
@@ -268,7 +271,4 @@ def _messages(service: Service, row: Row) -> Html:
     text = last_messages(service.store.folder(row.id) / OUTPUT)
     shown = f'<pre tabindex="0">{escaped_lines(text)}</pre>' if text else '<p class="faint">There are none.</p>'
     is_open = " open" if row.state == "failed" and text else ""
-    return Html(
-        f'<div id="messages" data-live="{address(row, "/messages")}"><details{is_open}>'
-        f"<summary>Messages of its process</summary>{shown}</details></div>"
-    )
+    return _live(row, "messages", f"<details{is_open}><summary>Messages of its process</summary>{shown}</details>")

@@ -47,7 +47,7 @@ def api_address(row: Row, after: str = "") -> str:
 
 def button(row: Row, action: Action) -> Html:
     """The button of an action."""
-    path = f"/jobs/{quote(row.id, safe='')}{action.path}"
+    path = address(row, action.path)
     confirm = f' data-confirm="{escaped(action.confirm)}"' if action.confirm else ""
     danger = ' class="danger"' if action.confirm else ""
     identity = escaped(f"{action.word.lower()}-{row.id}")

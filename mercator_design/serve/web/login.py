@@ -1,10 +1,11 @@
 """The login page, and the ends of sessions."""
 
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import parse_qs, urlsplit
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from starlette.types import Scope
 
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.accounts import TooManyFailures
@@ -42,16 +43,9 @@ async def log_in(request: Request, service: TheService) -> Response:
     request.state.user = holder.user
     if (old := session_of(scope)) is not None:
         accounts.sessions.end(old)
-    secret, is_secure = accounts.sessions.begin(holder.token, holder.expires), scope["scheme"] == "https"
+    secret = accounts.sessions.begin(holder.token, holder.expires)
     response = RedirectResponse(_own(target), 303)
-    response.set_cookie(
-        cookie_name(is_secure=is_secure),
-        secret,
-        max_age=DAYS * 86_400,
-        secure=is_secure,
-        httponly=True,
-        samesite="strict",
-    )
+    response.set_cookie(**_cookie(scope), value=secret, max_age=DAYS * 86_400)
     return response
 
 
@@ -60,23 +54,20 @@ def log_out(request: Request, service: TheService) -> Response:
     """End a session."""
     if (secret := session_of(request.scope)) is not None:
         service.accounts.sessions.end(secret)
-    is_secure = request.scope["scheme"] == "https"
     response = RedirectResponse(LOGIN, 303)
-    response.delete_cookie(cookie_name(is_secure=is_secure), secure=is_secure, httponly=True, samesite="strict")
+    response.delete_cookie(**_cookie(request.scope))
     return response
+
+
+def _cookie(scope: Scope) -> dict[str, Any]:
+    """The name and the attributes of the cookie of a session."""
+    return {"key": cookie_name(scope), "secure": scope["scheme"] == "https", "httponly": True, "samesite": "strict"}
 
 
 def login_page(
     target: str, wrong: str = "", *, status: int = 200, headers: dict[str, str] | None = None
 ) -> HTMLResponse:
-    """The page on which one logs in.
-
-    Args:
-        target: The address of this service to which it leads.
-        wrong: What was wrong with the attempt before.
-        status: Of the answer.
-        headers: Further ones.
-    """
+    """The page on which one logs in, which leads to an address of this service; with what was wrong before."""
     problem = f'<p class="problem" role="alert">{escaped(wrong)}</p>' if wrong else ""
     form = Html(
         f'<form method="post" action="{LOGIN}" class="fields">'

@@ -173,7 +173,7 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
         RaceError: As `side_by_side`.
     """
     from mercator_design.view.charts import Axis
-    from mercator_design.view.pictures.curves import save_curves
+    from mercator_design.view.pictures.figures import save_curves
 
     lines, names = [], []
     for folder in folders:

@@ -18,7 +18,7 @@ from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
 from mercator_design.serve.service import Service
-from mercator_design.serve.web import assets, compare, gallery, login
+from mercator_design.serve.web import assets, gallery, login
 from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web import machines as machine_pages
@@ -70,7 +70,7 @@ def application(service: Service) -> FastAPI:
     for room in (
         *(jobs, missions, events, files, system),
         *(fsms, designs),
-        *(assets, login, job_list, job_page, mission_pages, machine_pages, compare, gallery),
+        *(assets, login, job_list, job_page, mission_pages, machine_pages, gallery),
     ):
         app.include_router(room.router)
     return app

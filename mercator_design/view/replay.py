@@ -2,6 +2,7 @@
 
 import base64
 import io
+import zlib
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +16,6 @@ from mercator_design.missions.trace import Trace
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.machines.diagram import diagram_svg
-from mercator_design.view.packing import PackedArrays
 
 Replay: TypeAlias = dict[str, Any]
 """An experiment as the viewer reads it, in JSON: `header` and `data`."""
@@ -30,9 +30,39 @@ _MAX_COLOURS = 256
 _MARGIN = 0.5  # [m] around robots without an arena
 
 
+class _PackedArrays:
+    """Arrays (rows, columns), packed one after the other; see `unpack` in viewer/viewer.js.
+
+    layout: Name, kind and shape of each.
+    """
+
+    def __init__(self) -> None:
+        self.layout: list[dict[str, Any]] = []
+        self._bytes: list[bytes] = []
+
+    def add(self, name: str, values: NDArray[Any]) -> None:
+        """Add numbers from 0 to 255."""
+        self._add(name, "bytes", values)
+        self._bytes.append(np.ascontiguousarray(values, dtype=np.uint8).tobytes())
+
+    def add_differences(self, name: str, values: NDArray[np.int64]) -> None:
+        """Add 16-bit numbers: the differences along each row, first their low bytes, then their high bytes."""
+        self._add(name, "delta16", values)
+        differences = np.diff(values, axis=1, prepend=0).astype(np.uint16)
+        self._bytes += [(differences & 255).astype(np.uint8).tobytes(), (differences >> 8).astype(np.uint8).tobytes()]
+
+    def _add(self, name: str, kind: str, values: NDArray[Any]) -> None:
+        rows, columns = values.shape
+        self.layout.append({"name": name, "kind": kind, "rows": rows, "columns": columns})
+
+    def text(self) -> str:
+        """All arrays, deflated, as base64."""
+        return base64.b64encode(zlib.compress(b"".join(self._bytes), 9)).decode()
+
+
 def replay_of(shown: ShownExperiment) -> Replay:
     """The replay of an experiment."""
-    arrays = PackedArrays()
+    arrays = _PackedArrays()
     trace, perceived, model = shown.trace, shown.perceived, shown.robot_model
     pfsms = range(len(shown.pfsms))
     header = {
@@ -74,7 +104,7 @@ def _by_robot(values: NDArray[Any]) -> NDArray[Any]:
     return np.swapaxes(values, 0, 1)
 
 
-def _add_poses(arrays: PackedArrays, trace: Trace) -> dict[str, Any]:
+def _add_poses(arrays: _PackedArrays, trace: Trace) -> dict[str, Any]:
     """Pack the poses; the place [m] from which they count, and their unit [m]."""
     places = trace.poses[..., :2]
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
@@ -87,7 +117,7 @@ def _add_poses(arrays: PackedArrays, trace: Trace) -> dict[str, Any]:
     return {"origin": origin.tolist(), "unit": unit}
 
 
-def _add_ground(arrays: PackedArrays, ground: NDArray[np.uint8]) -> list[dict[str, str]]:
+def _add_ground(arrays: _PackedArrays, ground: NDArray[np.uint8]) -> list[dict[str, str]]:
     """Pack the ground's colours as the robots read them; names and colours by number, none if there are too many."""
     seen, numbers = np.unique(ground.reshape(-1, 3), axis=0, return_inverse=True)
     if len(seen) > _MAX_COLOURS:
@@ -98,7 +128,7 @@ def _add_ground(arrays: PackedArrays, ground: NDArray[np.uint8]) -> list[dict[st
     return [{"name": names.get(colour, hex_of(*colour)), "colour": hex_of(*colour)} for colour in colours]
 
 
-def _add_proximity(arrays: PackedArrays, proximity: Floats, model: RobotModel) -> dict[str, Any] | None:
+def _add_proximity(arrays: _PackedArrays, proximity: Floats, model: RobotModel) -> dict[str, Any] | None:
     """Pack the distances of the proximity sensors; where these look."""
     sensors = model.proximity
     if sensors is None:

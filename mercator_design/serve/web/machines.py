@@ -1,4 +1,4 @@
-"""The page on which users draw FSMs, run them, and compare them with those of jobs."""
+"""The pages on which users draw FSMs and run them, and compare those of jobs and designs."""
 
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
@@ -9,6 +9,7 @@ from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser
+from mercator_design.serve.http.machines.schemas import MAX_FSMS
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
@@ -29,11 +30,11 @@ def editor(service: TheService, user: TheUser) -> HTMLResponse:
     flavours = options((one, one) for one in FLAVOURS)
     share = '<label class="check"><input id="shared" type="checkbox"> Share it with all users</label>'
     share = "" if user.name == LOCAL.name else share
-    rivals = Html(f'<option value="">nothing</option>{designs(service, user)}')
+    rivals = Html(f'<option value="">nothing</option>{_rivals(service, user)}')
     return page(
         "FSM editor",
         f"""<form class="fields" id="setting" data-user="{escaped(user.name)}">
-<div><label for="mission">Mission</label><select id="mission">{missions(service, user, _FIRST)}</select></div>
+<div><label for="mission">Mission</label><select id="mission">{_missions(service, user, _FIRST)}</select></div>
 <div><label for="flavour">Flavour</label><select id="flavour">{flavours}</select></div>
 <div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>
 <div><label for="start">Start from</label><select id="start"></select></div>
@@ -51,7 +52,7 @@ Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transition
 <section id="part" aria-label="Selected part"></section>
 </div>
 <form id="running" class="actions run">
-{instances(service)}
+{_instances(service)}
 <button class="main" id="run">Run</button><span id="progress" class="faint" role="status"></span>
 </form>
 <div id="results"></div>
@@ -73,7 +74,36 @@ Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transition
     )
 
 
-def instances(service: Service) -> Html:
+@router.get("/compare")
+def compare(service: TheService, user: TheUser) -> HTMLResponse:
+    """Compare designs: `?job=ID&job=ID&design=ID&fsm=TEXT`, in any order and number up to six."""
+    return page(
+        "Compare designs",
+        f"""<p>Two to {MAX_FSMS} designs run on the same fresh instances of one mission.</p>
+<form class="fields" id="adding">
+<div><label for="design">Winner or saved design</label><select id="design"><option value="">choose …</option>
+{_rivals(service, user)}</select></div>
+<div><label for="pasted">An FSM as text</label>
+<input id="pasted" spellcheck="false" placeholder="--nstates 1 --s0 …"></div>
+<div><button id="add">Add</button></div>
+</form>
+<ol id="chosen" class="chosen" data-most="{MAX_FSMS}"></ol>
+<form id="running" class="actions run">
+<div><label for="mission">Mission</label><select id="mission"><option value="">of the first design</option>
+{_missions(service, user)}</select></div>
+{_instances(service)}
+<button class="main" id="run">Compare</button><span id="progress" class="faint" role="status"></span>
+</form>
+<div id="results"></div>
+<noscript><p class="problem">This page needs JavaScript.</p></noscript>""",
+        user=user,
+        here="/compare",
+        scripts=(*SCRIPTS, "compare.js"),
+        styles=STYLES,
+    )
+
+
+def _instances(service: Service) -> Html:
     """The fields for the instances on which FSMs run."""
     most = service.settings.limits.runs
     return Html(
@@ -82,7 +112,7 @@ def instances(service: Service) -> Html:
     )
 
 
-def missions(service: Service, user: User, chosen: str = "") -> Html:
+def _missions(service: Service, user: User, chosen: str = "") -> Html:
     """Options: the missions that a user may use, as `kind:name`."""
     own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in _jobs(service, user)]
     saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in _designs(service, user)]
@@ -93,7 +123,7 @@ def missions(service: Service, user: User, chosen: str = "") -> Html:
     )
 
 
-def designs(service: Service, user: User) -> Html:
+def _rivals(service: Service, user: User) -> Html:
     """Options: winners of jobs, and saved designs, as `kind:id`."""
     jobs = [
         (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'succeeded' else 'best so far'} of {one.id}")

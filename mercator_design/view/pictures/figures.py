@@ -1,9 +1,9 @@
-"""The style of pictures, and writing them: equal figures give equal files."""
+"""The style of pictures, a chart of lines, and writing them: equal figures give equal files."""
 
 import io
 import textwrap
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,11 @@ from matplotlib.figure import Figure
 
 from mercator_design.errors import printable
 from mercator_design.system.files import write_bytes
+from mercator_design.view.charts import COLOURS, Axis, Line
 
 _DPI = 160  # of a PNG
+_LINES = ("-", "--", ":", "-.")
+_CAPTION = 110  # characters in a line
 FORMATS = (".png", ".svg", ".pdf")
 _NO_METADATA = {
     ".png": {"Software": None},
@@ -66,3 +69,27 @@ def draw_caption(figure: Figure, caption: str, y: float, align: str) -> None:
     """Draw a caption in at most three lines: its `align`, top or bottom, is at y (0 to 1) of the figure's height."""
     lines = textwrap.wrap(printable(caption), round(18 * figure.get_figwidth()), max_lines=3, placeholder=" ...")
     figure.text(0.5, y, "\n".join(lines), ha="center", va=align, size=6.0, family="monospace")
+
+
+def save_curves(path: Path, lines: Sequence[Line], x: Axis, y: Axis, *, title: str, caption: str) -> None:
+    """Draw lines with their bands; a caption with long lines is wrapped.
+
+    Raises:
+        OSError: The picture cannot be written.
+    """
+    with house_style():
+        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+        axes = figure.add_subplot()
+        for place, line in enumerate(lines):
+            colour = COLOURS[place % len(COLOURS)]
+            style = _LINES[place // len(COLOURS) % len(_LINES)]
+            axes.plot(line.x, line.y, marker="o", ms=3.5, color=colour, linestyle=style, label=line.name)
+            if line.low:
+                axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.15, linewidth=0)
+        axes.grid(linewidth=0.4)
+        axes.set_xlabel(x.title)
+        axes.set_ylabel(y.title)
+        axes.set_title(title)
+        axes.legend(fontsize=7)
+        figure.supxlabel("\n".join(textwrap.fill(part, _CAPTION) for part in caption.split("\n")), fontsize=6)
+        save_figure(path, figure)

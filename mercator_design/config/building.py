@@ -280,13 +280,7 @@ def _entries(
 ) -> dict[str, Any]:
     """The values of those keys of a mapping that are valid; the mistakes in others are noted.
 
-    Args:
-        node: The mapping.
-        specification: Its keys.
-        holders: For each key the dataclass or function whose field or parameter it is.
-        way: The way to the mapping.
-        wrong: Receives the mistakes.
-        complete: Whether the mapping may have no other keys.
+    A mapping that is not complete may have other keys.
     """
     values: dict[str, Any] = {}
     words: dict[str, str] = {}
@@ -321,14 +315,6 @@ def _tagged(
     """The word of a mapping's tag, and the mapping.
 
     If the tag is wrong, the word is the nearest valid one, also in the mapping; if none is near, the word is empty.
-
-    Args:
-        node: The mapping.
-        key: The key of the tag.
-        words: The valid words.
-        keys: The valid keys of the mapping.
-        way: The way to the mapping.
-        wrong: Receives a mistake if the tag is wrong.
     """
     assert isinstance(node.content, dict)  # noqa: S101 - as the caller has seen
     expected, spelt = f"expected {schema.one_of(list(words))}", node.key(key)

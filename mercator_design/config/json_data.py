@@ -34,14 +34,7 @@ def from_json(
     label: str = "",
     path: str = "",
 ) -> Any:  # noqa: ANN401 - what `kind` says
-    """The value that JSON data describe.
-
-    Args:
-        data: Data from `json.loads`.
-        kind: A dataclass, or any other annotation of config/building.py; `object` is whatever JSON can hold.
-        error: The class of errors to raise.
-        label: The name of the data in errors.
-        path: The path of the data there.
+    """The value that JSON data describe, by a dataclass or another annotation of config/building.py, or `object`.
 
     Raises:
         error: with label, path of the key, what was expected and what was found.

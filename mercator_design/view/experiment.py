@@ -97,15 +97,7 @@ class ShownExperiment:
     def simulated(
         cls, simulator: Simulator, pfsm: Pfsm, seed: int, *, title: str | None = None, states: tuple[str, ...] = ()
     ) -> Self:
-        """Run an experiment to be shown; errors are those of `Simulator.run`.
-
-        Args:
-            simulator: Of the mission and the robots.
-            pfsm: The control software.
-            seed: Of the instance.
-            title: For people.
-            states: Their names; by default those of their behaviours.
-        """
+        """Run an experiment of a PFSM, perhaps with names of its states; errors are those of `Simulator.run`."""
         mission = simulator.mission
         title = title or f"{mission.name}, seed {seed}"
         check_extent(title, mission.cycles, mission.robots, mission.control_period)

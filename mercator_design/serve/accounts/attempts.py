@@ -13,11 +13,7 @@ _ADDRESSES = 10_000  # that are remembered
 
 
 class Attempts:
-    """Counts failures of addresses; safe for several threads.
-
-    Args:
-        clock: Seconds that have passed since some time.
-    """
+    """Counts failures of addresses; safe for several threads."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock

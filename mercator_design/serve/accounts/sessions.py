@@ -17,11 +17,7 @@ _MOST = 100  # sessions of a token; the oldest end
 
 
 class Sessions:
-    """The sessions in an SQLite file; safe for several threads.
-
-    Args:
-        file: The file; missing or damaged, it is made again, and all sessions have ended.
-        now: The time.
+    """The sessions in an SQLite file; safe for several threads. If it is damaged, all sessions have ended.
 
     Raises:
         OSError, sqlite3.Error: The file cannot be made.

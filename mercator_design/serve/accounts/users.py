@@ -131,9 +131,8 @@ class UserError(MercatorError):
 class Users:
     """The users in the file of a data folder; safe for several threads.
 
-    Args:
-        data: The data folder.
-        now: The time.
+    Raises (in all methods):
+        ServiceError: The file is not valid, or cannot be read.
     """
 
     def __init__(self, data: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
@@ -142,11 +141,7 @@ class Users:
         self._verified: dict[bytes, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
 
     def accounts(self) -> tuple[Account, ...]:
-        """All users; none if there is no file.
-
-        Raises:
-            ServiceError: The file is not valid, or cannot be read.
-        """
+        """All users; none if there is no file."""
         return self._read().contents.users
 
     def has_token(self) -> bool:
@@ -155,11 +150,7 @@ class Users:
         return any(not token.is_expired(now) for account in self.accounts() for token in account.tokens)
 
     def holder(self, identity: str) -> Holder | None:
-        """Whose token has an id; None if it was revoked or has expired.
-
-        Raises:
-            ServiceError: As `accounts`.
-        """
+        """Whose token has an id; None if it was revoked or has expired."""
         account, token = self._read().tokens.get(identity, (None, None))
         if account is None or token is None or token.is_expired(self._now()):
             return None
@@ -172,11 +163,7 @@ class Users:
         return self.holder(identity) if found is not None and found[1].hash == hashed else None
 
     def verify(self, text: str) -> Holder | None:
-        """Whose token this is; None if it is none, was revoked or has expired. Takes as long for any token.
-
-        Raises:
-            ServiceError: As `accounts`.
-        """
+        """Whose token this is; None if it is none, was revoked or has expired. Takes as long for any token."""
         parts = _TOKEN.fullmatch(text)
         if parts is None:
             return None

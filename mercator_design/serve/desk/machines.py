@@ -129,11 +129,7 @@ def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float
 def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequence[float]) -> dict[str, Any]:
     """The figures of an evaluation, as `mdesign evaluate --json` has them for several FSMs; and a chart.
 
-    Args:
-        machines: The FSMs and the mission.
-        seeds: Of the instances.
-        seed: From which they come.
-        scores: In the order of `run_part`.
+    The scores are in the order of `run_part`.
     """
     simulator, fsms = machines.read()
     n = len(fsms)

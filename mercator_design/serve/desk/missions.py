@@ -25,8 +25,6 @@ class CheckedMission:
 
     name: str
     direction: str
-    robots: int
-    duration: float  # [s]
     warnings: tuple[str, ...]
 
 
@@ -76,8 +74,6 @@ def checked_request(request: Request, text: str | None, limits: Limits) -> Check
     return CheckedMission(
         name=mission.name,
         direction=mission.objective.direction,
-        robots=mission.robots,
-        duration=mission.duration,
         warnings=tuple(map(without_folders, _warnings(simulator, request.flavour))),
     )
 

@@ -52,9 +52,6 @@ ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best"
 class Index:
     """The rows of all jobs; safe for several threads.
 
-    Args:
-        file: The SQLite file.
-
     Raises:
         sqlite3.Error: It cannot be opened or made.
     """
@@ -144,16 +141,7 @@ class Index:
     ) -> tuple[list[Row], int]:
         """A page of the rows that a user may see, and the number of all of them.
 
-        Args:
-            viewer: Who sees own rows, shared ones, and run folders of no job; None: an administrator, who sees all.
-            states: Only of these; by default of all.
-            owner: Only of this user.
-            text: Only with this text in the id or the name.
-            shared: Only shared ones.
-            order: One of ORDERS.
-            descending: Whether the last comes first.
-            limit: Maximum number of rows.
-            offset: Rows before the page.
+        The user None is an administrator, who sees all. A text is looked for in the ids and names.
         """
         conditions, values = [], list[object]()
         if viewer is not None:

@@ -21,14 +21,7 @@ _STATES: dict[str, State] = {"running": "running", "finished": "succeeded", "sto
 
 
 def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> Row:
-    """The row of a job.
-
-    Args:
-        job: The job.
-        status: Of its race, as of the last reading.
-        problem: What is wrong with its run folder.
-        is_running: Whether a process runs its race.
-    """
+    """The row of a job, by the last reading of its race, and with what is wrong with its run folder."""
     request = job.request
     state = state_of(job, is_finished=status.is_finished(request.budget), is_running=is_running)
     if problem and state == "queued":

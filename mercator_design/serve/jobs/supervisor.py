@@ -42,16 +42,7 @@ _MB = 1_000_000
 
 
 class Supervisor:
-    """Runs the races of jobs in processes.
-
-    Args:
-        store: The jobs.
-        index: Their rows, which the supervisor keeps up to date.
-        settings: Of the service.
-        launch: Starts the process of a job.
-        clock: Seconds that have passed since some time.
-        free: Free bytes for the data.
-    """
+    """Runs the races of jobs in processes, and keeps their rows up to date."""
 
     def __init__(
         self,

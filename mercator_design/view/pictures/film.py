@@ -63,13 +63,7 @@ class Film:
     """Experiments side by side, as a film at a speed."""
 
     def __init__(self, shown: Sequence[ShownExperiment], path: Path, *, speed: float, caption: str) -> None:
-        """Prepare a film.
-
-        Args:
-            shown: What to show.
-            path: The file; its suffix is of FORMATS.
-            speed: Seconds of the experiment in a second of the film.
-            caption: Line below the scenes.
+        """Prepare a film; the suffix of the path, of FORMATS, is its format.
 
         Raises:
             MercatorError: A package for this format is missing.
@@ -81,10 +75,7 @@ class Film:
         self.times: Floats = np.append(np.arange(0.0, seconds, speed / self._rate), seconds)
 
     def write(self, watch: Callable[[int], None] = lambda done: None) -> None:  # noqa: ARG005 - a name for the reader
-        """Write the film.
-
-        Args:
-            watch: Called with the number of frames drawn.
+        """Write the film; `watch` is called with the number of frames drawn.
 
         Raises:
             OSError: The file cannot be written.

@@ -46,13 +46,9 @@ _CURVE, _OTHER = "#0072b2", "#d55e00"
 
 
 def save_plots(path: Path, shown: Sequence[ShownExperiment], kinds: Sequence[str], *, caption: str) -> None:
-    """Write a figure with a row for each kind and a column for each experiment.
+    """Write a figure with a row for each kind, of KINDS, and a column for each experiment.
 
-    Args:
-        path: The figure; its suffix .png, .svg or .pdf is the format.
-        shown: The experiments.
-        kinds: Of KINDS.
-        caption: Line below the plots.
+    The suffix .png, .svg or .pdf is the format.
 
     Raises:
         OSError: The file cannot be written.

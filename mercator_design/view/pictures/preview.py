@@ -49,13 +49,9 @@ _CORNER = 3  # cells of the grid of `Reach`: half the width of a place out of re
 
 
 def save_preview(path: Path, simulator: Simulator, *, seed: int, caption: str = "") -> None:
-    """Write the picture of a mission.
+    """Write the picture of a mission, with the floor and the starting poses of the instance of a seed.
 
-    Args:
-        path: The picture; its suffix .png or .svg is the format.
-        simulator: The simulator of the mission and robot.
-        seed: The instance whose floor and starting poses are shown.
-        caption: Line below the picture.
+    The suffix .png or .svg is the format.
 
     Raises:
         MissionError: if the robots do not fit.

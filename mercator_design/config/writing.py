@@ -53,10 +53,6 @@ def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceN
     return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flow)
 
 
-def _represent_dict(dumper: yaml.SafeDumper, mapping: dict[str, Any]) -> yaml.MappingNode:
-    return dumper.represent_mapping("tag:yaml.org,2002:map", mapping, flow_style=False)
-
-
 def _represent_str(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     printable = all(line.isprintable() for line in text.split("\n"))
     style = '"' if not printable else "|" if "\n" in text else None
@@ -64,5 +60,4 @@ def _represent_str(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 
 
 Dumper.add_representer(list, _represent_list)
-Dumper.add_representer(dict, _represent_dict)
 Dumper.add_representer(str, _represent_str)

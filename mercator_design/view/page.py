@@ -51,12 +51,11 @@ def document(title: str, style: str, body: str, script: str, *, policy: str = PO
 class ReplayPage:
     """One HTML file that plays experiments side by side, without a request; a notebook shows it."""
 
-    def __init__(self, shown: Sequence[ShownExperiment], title: str | None = None) -> None:
-        """Make the page; by default the first experiment's title is that of the page."""
+    def __init__(self, shown: Sequence[ShownExperiment]) -> None:
         replays = script_json([replay_of(one) for one in shown])
         style = f"html, body {{ margin: 0; height: 100%; }}\n{viewer_style()}"
         body = f'<div id="replay"></div>\n<script type="application/json" id="replays">{replays}</script>'
-        self.html = document(title or shown[0].title, style, body, f"{viewer_script()}\n{_PLAY}")
+        self.html = document(shown[0].title, style, body, f"{viewer_script()}\n{_PLAY}")
 
     def save(self, path: str | Path) -> None:
         """Write the page.

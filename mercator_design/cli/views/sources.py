@@ -55,14 +55,15 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         **others: Any,  # noqa: ANN401 - the verb's
     ) -> None:
         sources = tuple(path / Designer.WINNER if (path / Designer.WINNER).is_file() else path for path in sources)
-        kind = _kind_of(sources[0])
+        first = sources[0]
+        kind = "TRACE" if first.suffix.lower() in SUFFIXES else "LOG" if is_log(first) else "FSM"
         for option, value, wanted in (
             ("--compare", compare, "FSM"),
             ("--fsm", fsm, "TRACE"),
             ("--start", starts, "LOG"),
         ):
             if value and kind != wanted:
-                raise click.UsageError(f"{option} needs {wanted} as the first file, found {kind}: {sources[0]}")
+                raise click.UsageError(f"{option} needs {wanted} as the first file, found {kind}: {first}")
         for path in filter(None, (others.get("output"), others.get("video"))):
             _check_apart(path, (*sources, *compare, *filter(None, [fsm])))
         given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
@@ -121,11 +122,6 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(options):
         with_experiments = option(with_experiments)
     return with_experiments
-
-
-def _kind_of(path: Path) -> str:
-    """What a file is, by its suffix or its first byte."""
-    return "TRACE" if path.suffix.lower() in SUFFIXES else "LOG" if is_log(path) else "FSM"
 
 
 def _check_apart(output: Path, inputs: Iterable[Path]) -> None:

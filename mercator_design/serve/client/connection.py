@@ -12,7 +12,7 @@ import httpx
 import platformdirs
 
 from mercator_design import __version__
-from mercator_design.errors import MercatorError, excerpt, printable
+from mercator_design.errors import MercatorError, MissionError, excerpt, printable
 from mercator_design.system.files import Unreadable, read_small
 
 SERVER = "http://127.0.0.1:8000"
@@ -27,15 +27,7 @@ _TIMEOUT = httpx.Timeout(60.0, connect=10.0, read=150.0)
 
 
 class ClientError(MercatorError):
-    """A service cannot be reached, or refuses a request.
-
-    status: Of its answer; 0 if there was none.
-    """
-
-    def __init__(self, message: str, *more: str, status: int = 0) -> None:
-        super().__init__(message, *more)
-        self.status = status
-        self.exit_code = 3 if status == 422 else 1
+    """A service cannot be reached, or refuses a request."""
 
 
 class Lost(ClientError):  # noqa: N818 - says what has happened
@@ -153,7 +145,10 @@ class Connection:
         if status == 401:
             messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}, or in a line of {token_file()}")
         kind = Lost if status in (502, 503, 504) else ClientError
-        return kind(*messages, status=status)
+        refusal = kind(*messages)
+        if status == 422:  # what is not valid
+            refusal.exit_code = MissionError.exit_code
+        return refusal
 
 
 def checked_address(server: str) -> str:

@@ -183,7 +183,8 @@ def _keys(kind: Kind, piece: Piece | None, zones: list[str]) -> Iterator[Complet
         fields = _fields(record, piece)
         for name, (inner, default) in sorted(fields.items(), key=lambda item: item[1][1] is not dataclasses.MISSING):
             if spelling.folded(name) not in there:
-                is_required = len(records) == 1 and default is dataclasses.MISSING and not _is_given(record, name)
+                is_given = record is Mission and name == "name"  # by the name of the file
+                is_required = len(records) == 1 and default is dataclasses.MISSING and not is_given
                 about = comments.get(name) or meaning(inner, summary_of(record))
                 yield Completion(
                     label=name, kind="key", insert=f"{name}:{_after_key(inner)}",
@@ -198,11 +199,6 @@ def _keys(kind: Kind, piece: Piece | None, zones: list[str]) -> Iterator[Complet
         item = typing.get_args(base)[0]
         for each in (*_values(item, zones), *_keys(item, None, zones)):
             yield dataclasses.replace(each, insert=f"- {each.insert}".replace("\n", "\n  "))
-
-
-def _is_given(record: Kind, name: str) -> bool:
-    """Whether a file may omit a key although its dataclass has no default for it."""
-    return record is Mission and name == "name"
 
 
 def _after_key(kind: Kind) -> str:

@@ -105,7 +105,7 @@ class Desk:
             if self._asked[user] >= _MOST_OF_USER or self._asked.total() >= _MOST:
                 raise Busy("the service is busy with too much work at a time: try again in a moment")
             self._asked[user] += 1
-            if not self._changed.wait_for(lambda: self._may_begin(user), _PATIENCE):
+            if not self._changed.wait_for(lambda: self._idle and self._at_work[user] < self._most_of_user, _PATIENCE):
                 self._asked -= Counter([user])
                 raise Busy("the service is busy with other work: try again in a moment")
             self._at_work[user] += 1
@@ -126,9 +126,6 @@ class Desk:
                     self._all.discard(helper)
                     self._add()
                 self._changed.notify_all()
-
-    def _may_begin(self, user: str) -> bool:
-        return bool(self._idle) and self._at_work[user] < self._most_of_user
 
     def _add(self) -> None:
         if not self._is_closed:

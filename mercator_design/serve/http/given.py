@@ -4,12 +4,15 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
+
+from fastapi import Path as InPath
 
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.designs import FSM, Design
 from mercator_design.serve.desk.machines import Machines
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
-from mercator_design.serve.http.context import visible_job
+from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
 from mercator_design.serve.http.problems import Missing
 from mercator_design.serve.jobs.index import Row
@@ -18,7 +21,9 @@ from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.service import Service
 
 
-def visible_design(service: Service, user: User, identity: str) -> Design:
+def visible_design(
+    service: TheService, user: TheUser, identity: Annotated[str, InPath(alias="id", max_length=200)]
+) -> Design:
     """A design that a user may see: own, shared, or as an administrator.
 
     Raises:

@@ -95,7 +95,8 @@ def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow:
     The states are in two rows, or in a column if the layout is to be narrow.
     """
     sizes = [(max(96.0, width + 8.0), height + 8.0) for width, height in map(size_of, texts)]
-    sized = [replace(arrow, block=Rectangle(0.0, 0.0, *_block_size(arrow))) for arrow in arrows]
+    blocks = [size_of([line for _, lines in arrow.labels for line in lines]) for arrow in arrows]
+    sized = [replace(arrow, block=Rectangle(0.0, 0.0, *block)) for arrow, block in zip(arrows, blocks, strict=True)]
     corners = _corners(len(texts), sized)
     gap = _ROOM
     for _ in range(_MOST_GROWTH):
@@ -107,10 +108,6 @@ def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow:
         gap *= _GROWTH
     beside, covered = _labelled(placed, boxes, beside_lines=True)
     return Layout(tuple(boxes), tuple(beside if covered < 1.0 else placed))
-
-
-def _block_size(arrow: Arrow) -> tuple[float, float]:
-    return size_of([line for _, lines in arrow.labels for line in lines])
 
 
 def _corners(n: int, arrows: Sequence[Arrow]) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, Field
 
@@ -82,11 +82,7 @@ class WholeDesign(BaseModel):
     fsm: CheckedFsm
 
 
-def _visible(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Design:
-    return visible_design(service, user, identity)
-
-
-VisibleDesign = Annotated[Design, Depends(_visible)]
+VisibleDesign = Annotated[Design, Depends(visible_design)]
 
 
 def _own(user: TheUser, design: VisibleDesign) -> Design:

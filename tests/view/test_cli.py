@@ -59,6 +59,7 @@ def test_plot(work, mdesign):
         (["fsm.txt", *SHORT, "--video", "film.avi"], 2, ".mp4 or .gif"),
         (["fsm.txt", *SHORT, "--video", "film.gif", "--png", "1"], 2, "not both"),
         (["fsm.txt", *SHORT, "--png", "1", "-o", "still.jpg"], 2, "ends in .png, .svg or .pdf, found 'still.jpg'"),
+        (["fsm.txt", *SHORT, "-o", "film.gif"], 2, "ends in .html or .htm, found 'film.gif'"),
         (["none.txt", *SHORT], 3, "none.txt: no such file"),
         (["fsm.txt", *SHORT, "-o", "none/replay.html"], 1, "none"),
         (["trace.csv"], 2, "with --mission"),

@@ -65,7 +65,7 @@ def replay(
         with writing(path), Display(f"{path.name}: frames", len(frames.times)) as display:
             frames.write(display.show)
     else:
-        path = output or Path("replay.html")
+        path = FileOf(".html", ".htm").convert(output or "replay.html", None, None)
         with writing(path):
             ReplayPage(shown).save(path)
     print_result(printable(f"{path}: {score}" if score else str(path)))

@@ -10,10 +10,12 @@ Event: TypeAlias = dict[str, Any]
 _CRC = ',"crc":"'
 _TAIL = len(_CRC) + 8 + len('"}')
 
+_to_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
 
 def to_line(event: Mapping[str, Any]) -> str:
     """An event as a line with its checksum."""
-    text = json.dumps(event, separators=(",", ":"), allow_nan=False)
+    text = _to_json(event)
     return f'{text[:-1]}{_CRC}{zlib.crc32(text.encode()):08x}"}}\n'
 
 

@@ -189,9 +189,9 @@ class RaceRun(Generic[T]):
     def _is_over(self) -> bool:
         return bool(self._failures) or self._stopped()
 
-    def _note(self, event: Event) -> None:
-        self._journal.note(event)
-        self._pending.append(event)
+    def _note(self, *events: Event) -> None:
+        self._journal.note(*events)
+        self._pending += events
 
     def _unseen(self) -> Iterator[Event]:
         while self._pending:
@@ -361,14 +361,16 @@ class RaceRun(Generic[T]):
             self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
 
     def _note_configurations(self) -> None:
-        for number in dict.fromkeys(experiment.configuration for experiment in self._batch):
-            values, parent = self._optimizer.configurations[number], self._optimizer.parents[number]
-            if number not in self._record.configurations:
-                self._note(ConfigurationAdded(configuration=number, parent=parent, values=values))
-            elif (self._record.configurations[number], self._record.parents[number]) != (values, parent):
-                found = f"{self._record.configurations[number]} from {self._record.parents[number]}"
-                raise _another(f"configuration {number}: {values} from {parent}", found)
-            self._record.configurations[number] = values  # once in memory is enough
+        values, parents, record = self._optimizer.configurations, self._optimizer.parents, self._record
+        numbers = dict.fromkeys(experiment.configuration for experiment in self._batch)
+        new = [number for number in numbers if number not in record.configurations]
+        if new:
+            self._note(*(ConfigurationAdded(configuration=n, parent=parents[n], values=values[n]) for n in new))
+        for number in numbers:
+            if (record.configurations[number], record.parents[number]) != (values[number], parents[number]):
+                found = f"{record.configurations[number]} from {record.parents[number]}"
+                raise _another(f"configuration {number}: {values[number]} from {parents[number]}", found)
+            record.configurations[number] = values[number]  # once in memory is enough
 
     def _note_end(self) -> None:
         budget = self._record.budgets[self._n_ends]

@@ -111,7 +111,7 @@ def _canonical(states: Sequence[State]) -> tuple[State, ...]:
     order = [0]
     for i in order:
         order += dict.fromkeys(edge.target for edge in edges[i] if edge.target not in order)
-    if order == list(numbers):
+    if order == list(numbers):  # as most are: a race asks for tens of thousands
         return tuple(
             State(state.behaviour, state.parameters, tuple(own)) for state, own in zip(states, edges, strict=True)
         )

@@ -20,7 +20,7 @@ SHORT = MISSION.replace("robots: 3\n", "robots: 2\n").replace("duration: 120", "
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory, plain_races):
+def lab(tmp_path_factory):
     """The address of a service with a user, and the user's token."""
     data = tmp_path_factory.mktemp("lab") / "runs"
     token = Users(data).add("ann")

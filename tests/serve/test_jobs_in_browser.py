@@ -150,6 +150,8 @@ def test_of_a_job_that_is_being_deleted_nothing_is_asked(page, live):
     page.wait_for("'refuse' in Mercator")
     page.requests.clear()
     page.evaluate("Live.refresh('now')")
+    page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")  # its answer may come only now
+    page.evaluate("new Promise((done) => setTimeout(done, 100))")
     assert page.requests == []
     page.evaluate("Mercator.refuse(new Error('No.'))")
     page.wait_for("document.querySelector('#told').innerText === 'No.'")

@@ -27,7 +27,7 @@
   };
   const follow = () => {
     close();
-    if (document.hidden || at("now").dataset.ended === "true") return;
+    if (document.hidden || Live.isLeaving || at("now").dataset.ended === "true") return;
     source = new EventSource(`${root.dataset.api}/events?after=${at("now").dataset.place}`);
     for (const kind of COUNTS) source.addEventListener(kind, () => soon("now"));
     for (const kind of TURNS)

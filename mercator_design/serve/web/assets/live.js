@@ -102,5 +102,12 @@ const Live = (() => {
     if (query !== undefined && query !== location.search.slice(1)) history.replaceState(null, "", query ? `/?${query}` : "/");
   });
 
-  return { refresh, tell, act };
+  return {
+    refresh,
+    tell,
+    act,
+    get isLeaving() {
+      return leaving.signal.aborted;
+    },
+  };
 })();

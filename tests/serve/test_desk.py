@@ -190,3 +190,10 @@ def test_close_ends_work_and_processes(tmp_path):
     assert failed
     wait_until(lambda: not is_there(process))
     assert not desk._idle
+
+
+def test_a_desk_that_is_closed_starts_no_process(tmp_path):
+    desk = Desk(1, 60.0, 2000, (), tmp_path)
+    desk.close()
+    with pytest.raises(ServiceError, match="the service ends"):
+        desk.run(add, 1)

@@ -94,7 +94,7 @@ class Desk:
         with self._changed:
             self._is_closed = True
             for helper in self._all:
-                helper.kill()  # whose thread, if it is at work, closes it
+                helper.end()  # whose thread, if it is at work, closes it
             for helper in self._idle:
                 helper.close()
 
@@ -141,6 +141,8 @@ class _Helper:
         self._plugins, self._folder = plugins, folder
         self._process: multiprocessing.process.BaseProcess | None = None
         self._connection: Connection | None = None
+        self._starting = threading.Lock()
+        self._has_ended = False
 
     def work(
         self, function: Callable[..., object], arguments: object, given: object, seconds: float, megabytes: int
@@ -168,11 +170,20 @@ class _Helper:
     def _start(self) -> None:
         self.close()  # one that was killed while it had no work
         context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        arguments = (theirs, self._plugins, str(self._folder))
-        self._process = context.Process(target=_serve, args=arguments, name="helper", daemon=True)
-        self._process.start()
-        theirs.close()
+        with self._starting:
+            if self._has_ended:
+                raise ServiceError("the service ends")
+            self._connection, theirs = context.Pipe()
+            arguments = (theirs, self._plugins, str(self._folder))
+            self._process = context.Process(target=_serve, args=arguments, name="helper", daemon=True)
+            self._process.start()
+            theirs.close()
+
+    def end(self) -> None:
+        """Kill the process, and start no other one."""
+        with self._starting:
+            self._has_ended = True
+            self.kill()
 
     def kill(self) -> None:
         if self._process is not None:

@@ -153,6 +153,10 @@ class Devices(Surroundings):
         """How often they were told to."""
         return sum(name == "drive_tank_si_units" and any(values.values()) for _, name, values in self.commands)
 
+    def come_to_rest(self):
+        """Wait until the wheels are told to rest."""
+        self.when(lambda: not any(self.wheels[-1][1:]))
+
     def rests_since(self):
         """When the wheels came to rest for good [s]."""
         assert self.drives(), "the wheels never turned"

@@ -310,7 +310,7 @@ def test_the_end(devices, monkeypatch):
         robot.drive(Wheels(0.5, 0.5))
         devices.when(devices.drives)
     assert ended == ["rvr", "lidar"]
-    devices.when(lambda: not any(devices.wheels[-1][1:]))
+    devices.come_to_rest()
 
 
 def test_damaged_bytes(devices):

@@ -525,7 +525,7 @@ class TestWaysOut:
             with driving(tmp_path / str(k)) as drive, drive.holding():
                 began = time.monotonic()
                 drive.process.send_signal(number)
-                time.sleep(COMMANDS_END + 0.1)
+                drive.devices.come_to_rest()
                 return drive.devices.rests_since() - began - COMMANDS_END
 
         assert soonest(attempt, 0.05) <= 0.05

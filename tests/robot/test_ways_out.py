@@ -223,7 +223,7 @@ def test_the_rvr_lost(robot):
     robot.act(unplugs("rvr"))
     robot.run()
     check(robot, 4, "/rvr is lost: ", zeros=False)
-    robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
+    robot.devices.come_to_rest()
     assert robot.devices.rests_since() - robot.began <= COMMANDS_END
 
 

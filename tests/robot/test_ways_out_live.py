@@ -164,7 +164,7 @@ def test_a_process_that_is_killed_is_stopped_by_the_robot_and_its_log_is_whole_b
             robot.until(lambda: robot.cycles() > 1)
             began = time.monotonic()
             robot.process.kill()
-            time.sleep(COMMANDS_END + 0.1)
+            robot.devices.come_to_rest()
             kinds = [event["event"] for event in read(robot.folder / "log.jsonl")]
             assert kinds[0] == "start"
             assert kinds.count("cycle") >= 2
@@ -183,6 +183,7 @@ def test_a_process_that_is_suspended_is_stopped_by_the_robot_and_does_not_drive_
             began = time.monotonic()
             robot.process.send_signal(signal.SIGSTOP)
             time.sleep(COMMANDS_END + STALL)
+            robot.devices.come_to_rest()
             rested = robot.devices.rests_since()
             robot.process.send_signal(signal.SIGCONT)
             check(robot, 4, "the control loop stalled: no command for ")
@@ -235,7 +236,7 @@ def test_a_signal_during_the_end_interrupts_nothing(tmp_path):
     with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         robot.process.terminate()
-        robot.devices.when(lambda: not any(robot.devices.wheels[-1][1:]))
+        robot.devices.come_to_rest()
         robot.process.send_signal(signal.SIGINT)
         check(robot, 143, "Stopped by SIGTERM.")
         robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
@@ -254,6 +255,7 @@ def test_a_line_that_takes_nothing_any_more(tmp_path):
                 assert (returned, "is lost: Write timeout" in error) == (4, True), error
                 time.sleep(COMMANDS_END)
             time.sleep(0.1)
+            robot.devices.come_to_rest()
             return robot.devices.rests_since() - began - COMMANDS_END
 
     assert soonest(attempt, 0.05) <= 0.05

@@ -169,6 +169,17 @@ class TestResume:
         with pytest.raises(RaceError, match="another race, or of another version"):
             resumed(path, seed=2)
 
+    def test_of_one_that_is_refused_nothing_is_written(self, tmp_path, complete):
+        """Though its first batch has configurations that the journal does not have."""
+        path = tmp_path / "journal.jsonl"
+        lines = complete.splitlines(keepends=True)
+        first = next(k for k, line in enumerate(lines) if b'"configuration"' in line)
+        path.write_bytes(b"".join(lines[: first + 2]))
+        with pytest.raises(RaceError, match="configuration 0: "):
+            resumed(path, seed=2)
+        with Journal(path, new=False) as one:
+            assert [*one.record.configurations] == [0, 1]
+
     def test_an_experiment_too_many(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)

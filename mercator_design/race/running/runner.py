@@ -362,14 +362,16 @@ class RaceRun(Generic[T]):
 
     def _note_configurations(self) -> None:
         values, parents, record = self._optimizer.configurations, self._optimizer.parents, self._record
-        numbers = dict.fromkeys(experiment.configuration for experiment in self._batch)
-        new = [number for number in numbers if number not in record.configurations]
-        if new:
-            self._note(*(ConfigurationAdded(configuration=n, parent=parents[n], values=values[n]) for n in new))
+        numbers, new = dict.fromkeys(experiment.configuration for experiment in self._batch), []
         for number in numbers:
-            if (record.configurations[number], record.parents[number]) != (values[number], parents[number]):
+            if number not in record.configurations:
+                new.append(ConfigurationAdded(configuration=number, parent=parents[number], values=values[number]))
+            elif (record.configurations[number], record.parents[number]) != (values[number], parents[number]):
                 found = f"{record.configurations[number]} from {record.parents[number]}"
                 raise _another(f"configuration {number}: {values[number]} from {parents[number]}", found)
+        if new:
+            self._note(*new)
+        for number in numbers:
             record.configurations[number] = values[number]  # once in memory is enough
 
     def _note_end(self) -> None:

@@ -79,13 +79,13 @@ def _configurations(record: Record) -> "pd.DataFrame":
     import pandas as pd
 
     names, rows = configuration_rows(record)
-    columns = zip(*rows, strict=True) if rows else ([] for _ in names)
-    return pd.DataFrame(
-        {
-            name: pd.Series(list(column), dtype=_DTYPES.get(name, object))
-            for name, column in zip(names, columns, strict=True)
-        }
-    ).set_index("configuration")
+    n_own = 1 + names.index("parent")  # a parameter of a program may have the name of one of these
+    columns = [
+        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES[name] if k < n_own else object)
+        for k, name in enumerate(names)
+    ]
+    numbers, *others = columns
+    return pd.concat(others, axis=1).set_index(numbers)
 
 
 def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:

@@ -42,11 +42,11 @@ class Service:
             try:
                 self.index = Index(self.data / SERVICE / "index.sqlite")
                 ends.callback(self.index.close)
+                self.accounts = Accounts(self.data)
+                ends.callback(self.accounts.close)
+                self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
             except (OSError, sqlite3.Error) as error:
-                raise ServiceError(f"{self.data / SERVICE}: the index cannot be used: {error}") from None
-            self.accounts = Accounts(self.data)
-            ends.callback(self.accounts.close)
-            self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
+                raise ServiceError(f"{self.data / SERVICE}: cannot be used: {error}") from None
             self.cores = settings.jobs or max(1, available_jobs() // settings.races)  # of a race
             self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, self.cores))
             self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)

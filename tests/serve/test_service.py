@@ -27,3 +27,15 @@ def test_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "runs").touch()
     with pytest.raises(ServiceError, match="runs: cannot be used: "), Service(tmp_path / "runs"):
         pass
+
+
+@pytest.mark.parametrize("name", ["index.sqlite", "sessions.sqlite", "designs"])
+def test_a_part_of_the_folder_that_cannot_be_used(name, tmp_path, idle_races):
+    folder = tmp_path / ".service"
+    folder.mkdir()
+    (folder / name).mkdir() if name.endswith(".sqlite") else (folder / name).touch()
+    with pytest.raises(ServiceError, match="service: cannot be used: "), Service(tmp_path):
+        pass
+    (folder / name).rmdir() if name.endswith(".sqlite") else (folder / name).unlink()
+    with Service(tmp_path):
+        pass

@@ -45,7 +45,8 @@
       const replay = async () => {
         const shown = fsms.filter((_, k) => picks[k].checked).slice(0, SIDE_BY_SIDE);
         for (const pick of picks) pick.disabled = !pick.checked && shown.length >= SIDE_BY_SIDE;
-        if (shown.length) await Mercator.replay(stage, { mission: on, fsms: shown, seed: Number(instance.value) });
+        if (!shown.length) stage.asked = null;
+        else await Mercator.replay(stage, { mission: on, fsms: shown, seed: Number(instance.value) });
       };
       for (const one of [...picks, instance]) one.addEventListener("change", replay);
       at("results").replaceChildren(

@@ -1,6 +1,5 @@
 """A light install: mercator-robot runs on the packages of a robot, and mdesign says what else it needs."""
 
-import json
 import subprocess
 import sys
 import tomllib
@@ -9,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from mercator_design.cli import VERBS
-from tests.processes import started
 
 ROOT = Path(__file__).parents[1]
 OF_A_ROBOT = {"click", "serial", "yaml", "_yaml"}
@@ -28,44 +26,11 @@ sys.meta_path.insert(0, Blocked())
 MODULES = {"mdesign": "cli", "mercator-robot": "robot.cli"}
 
 
-COMMANDS = (
-    BLOCKED
-    + f"""
-import json, os
-from importlib import import_module
-
-mains = {{program: import_module("mercator_design." + module).main for program, module in {MODULES!r}.items()}}
-for line in sys.stdin:
-    outputs, sys.argv = json.loads(line)
-    process = os.fork()
-    if not process:
-        for number, output in enumerate(outputs, start=1):
-            os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT), number)
-        mains[sys.argv[0]]()
-    print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)
-"""
-)
-"""A process where only the packages of a robot are installed, which has loaded no verb. It forks for each command."""
-
-
-@pytest.fixture(scope="module")
-def commands():
-    with started(sys.executable, "-c", COMMANDS, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        yield process
-
-
-@pytest.fixture
-def light(commands, tmp_path):
-    """Run a command where only the packages of a robot are installed; gives exit code, stdout, stderr."""
-
-    def run(*command):
-        outputs = [tmp_path / "stdout", tmp_path / "stderr"]
-        for file in outputs:
-            file.write_text("")
-        print(json.dumps([[*map(str, outputs)], command]), file=commands.stdin, flush=True)
-        return int(commands.stdout.readline()), *(file.read_text() for file in outputs)
-
-    return run
+def light(program, *arguments):
+    """A command where only the packages of a robot are installed."""
+    code = BLOCKED + f"from mercator_design.{MODULES[program]} import main\nmain()\n"
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
 
 
 def test_the_dependencies_are_those_of_a_robot():
@@ -74,12 +39,12 @@ def test_the_dependencies_are_those_of_a_robot():
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("check", "--help"), ("stop", "--help")])
-def test_mercator_robot(light, arguments):
+def test_mercator_robot(arguments):
     code, out, err = light("mercator-robot", *arguments)
     assert (code, out.startswith("Usage: mercator-robot"), err) == (0, True, "")
 
 
-def test_help_of_mdesign_names_all_verbs(light):
+def test_help_of_mdesign_names_all_verbs():
     code, out, err = light("mdesign", "--help")
     assert (code, err) == (0, "")
     assert all(f"\n  {name} " in out for name in VERBS)
@@ -89,7 +54,7 @@ def test_help_of_mdesign_names_all_verbs(light):
     ("program", "verb"),
     [("mercator-robot", "twin"), *(("mdesign", name) for name, verb in VERBS.items() if not verb.is_light)],
 )
-def test_what_needs_more_says_what_to_install(light, program, verb):
+def test_what_needs_more_says_what_to_install(program, verb):
     code, out, err = light(program, verb, "aggregation")
     assert (code, out) == (1, "")
     is_of_service = verb in VERBS and VERBS[verb].module.startswith("mercator_design.serve.")
@@ -99,7 +64,7 @@ def test_what_needs_more_says_what_to_install(light, program, verb):
     assert err.count("\n") == 1
 
 
-def test_light_verbs_need_no_more(light, tmp_path):
+def test_light_verbs_need_no_more(tmp_path):
     bundle, fsm = tmp_path / "robot.pyz", tmp_path / "fsm.txt"
     fsm.write_text("--nstates 1 --s0 0 --rwm0 20\n")
     assert light("mdesign", "bundle", "-o", str(bundle))[0] == 0

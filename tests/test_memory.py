@@ -50,7 +50,7 @@ class TestALimitOfAddressSpace:
     @pytest.mark.parametrize("arguments", [EVALUATE, RACE, ["runs", "list"], ["validate", "aggregation"]])
     def test_in_which_libraries_have_no_room(self, tmp_path, monkeypatch, arguments):
         monkeypatch.chdir(tmp_path)
-        for size in BELOW if arguments is EVALUATE else BELOW[::3]:
+        for size in BELOW:
             done = limited(arguments, size)
             assert (done.returncode, done.stdout) == (1, "")
             assert done.stderr == (
@@ -126,7 +126,7 @@ def test_what_is_a_lack_of_memory():
 class TestWorkers:
     """An experiment without memory stops a race, also one that rejects configurations that fail."""
 
-    @pytest.mark.parametrize("executor", [ThreadExecutor(1), ThreadExecutor(2), ProcessExecutor(1)])
+    @pytest.mark.parametrize("executor", [ThreadExecutor(1), ThreadExecutor(2), ProcessExecutor(2)])
     def test_it_stops_the_race_which_can_be_resumed(self, executor):
         def greedy(item):
             if item[1] % 5 == 4:

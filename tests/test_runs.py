@@ -181,7 +181,7 @@ class TestResume:
 
     def test_by_processes(self, mdesign, folder, undisturbed):
         stop(folder, 70)
-        assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 1, "--timeout", 60)[0] == 0
+        assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0
         assert digest(folder) == digest(undisturbed)
 
     @pytest.mark.timing
@@ -588,9 +588,9 @@ class TestFailures:
         assert code == 0
         assert "Failed     " in out
 
-    def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path):
-        """Whatever runs the experiment: how failures come from processes is tested below."""
-        code, out, err = mdesign(*nervous, "--on-failure", "reject", "-j", 2)
+    @pytest.mark.parametrize(("executor", "jobs"), [("threads", 2), ("processes", 1)])
+    def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path, executor, jobs):
+        code, out, err = mdesign(*nervous, "--on-failure", "reject", "--executor", executor, "-j", jobs)
         assert code == 0
         assert "Warning: configuration " in err
         table = experiments_table(tmp_path / "r")

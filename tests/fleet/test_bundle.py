@@ -55,9 +55,10 @@ def run(python, *arguments, folder=None):
 
 
 def test_the_command_line(application, python):
-    done = run(python, application, "--help")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("Usage: mercator-robot")
+    for arguments in (["--help"], ["run", "--help"]):
+        done = run(python, application, *arguments)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith("Usage: mercator-robot")
     words = "Error: twin needs the designer: the package mercator_design.twin is not installed; in the clone: "
     assert run(python, application, "twin").stderr.startswith(words)
 

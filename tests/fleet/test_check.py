@@ -51,13 +51,13 @@ def test_a_table_of_batteries_lines_and_clocks_and_what_is_wrong(deploy, robots,
 
 
 def test_a_device_that_is_left_out_is_not_looked_at(deploy, robots, field):
-    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
-    robots[0].unplugged.add("lidar")
+    for devices in robots:
+        devices.unplugged.add("lidar")
     _, out, _ = deploy("--check", "--without", "lidar")
-    row = cells(out.splitlines()[2])
-    assert (row[0], row[3]) == ("r1", "left out")
+    rows = [cells(row) for row in out.splitlines()[3:5]]
+    assert [(row[0], row[3]) for row in rows] == [("r1", "left out"), ("r2", "left out")]
     assert "lidar:" not in out
-    assert not robots[0].lidar_commands
+    assert not any(devices.lidar_commands for devices in robots)
 
 
 @pytest.mark.slow

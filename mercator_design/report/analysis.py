@@ -15,7 +15,8 @@ from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
 from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.race.running.task import Task
-from mercator_design.report.columns import aligned, csv_text, difference
+from mercator_design.report.columns import aligned, difference
+from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import Unreadable, read_small
 
 ABLATION = "ablation.csv"

@@ -1,9 +1,7 @@
 """Rows of cells as lines of text, differences as cells, and notes that fit a terminal."""
 
-import csv
-import io
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from operator import sub
 
 from mercator_design.errors import excerpt, printable
@@ -18,13 +16,6 @@ def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
     texts = [["" if cell is None else excerpt(printable(str(cell))) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in texts]
-
-
-def csv_text(rows: Iterable[Iterable[object]]) -> str:
-    """Rows of cells as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
 
 
 def difference(ours: Sequence[float], theirs: Sequence[float] | None = None) -> str:

@@ -12,8 +12,9 @@ from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.racing.summary import ALPHA, CONFIDENCE, Scores
-from mercator_design.report.columns import aligned, csv_text, difference
+from mercator_design.report.columns import aligned, difference
 from mercator_design.sim.simulate import Simulator
+from mercator_design.system.csv_text import csv_text
 
 _MOST_PAIRS = 10
 """Number of pairs that are printed; of more, only those with the best."""

@@ -14,8 +14,6 @@ When a race has finished, its provenance is written again, with "finished", befo
 """
 
 import contextlib
-import csv
-import io
 import json
 import math
 import os
@@ -36,6 +34,7 @@ from mercator_design.race.running.task import RaceResult, Task
 from mercator_design.runs.files import JOURNAL, check_same, read_provenance, restored, without_provenance, wrong_end
 from mercator_design.runs.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.runs.tables import configuration_rows
+from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
 
 _RESULTS = "results.csv"
@@ -204,11 +203,8 @@ class RunFolder:
         elites = [elite.configuration for elite in self.task.optimizer.elites]
         ranks = {configuration: rank for rank, configuration in enumerate(elites, start=1)}
         rows.sort(key=lambda row: ranks.get(row[0], math.inf))  # others stay in the order of their numbers
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow([number, "elite_rank", *names])
-        table.writerows([row[0], ranks.get(row[0]), *row[1:]] for row in rows)
-        return text.getvalue()
+        ranked = ([row[0], ranks.get(row[0]), *row[1:]] for row in rows)
+        return csv_text([[number, "elite_rank", *names], *ranked])
 
     def _header(self) -> dict[str, str]:
         """The header of the winner's file."""

@@ -14,13 +14,17 @@ if TYPE_CHECKING:
 
     from mercator_design.race.running.events import ExperimentDone
 
-_OWN = ("configuration", "first_iteration", "experiments", "failed", "mean", "standard_deviation")
-_OF_TESTS = ("tests", "test_mean", "test_low", "test_high")
-_DTYPES = {
-    **dict.fromkeys(_OWN[:4], "int64"),
-    **dict.fromkeys((*_OWN[4:], *_OF_TESTS[1:]), "float64"),
-    **dict.fromkeys(("tests", "parent"), "Int64"),
+_OWN = {
+    "configuration": "int64",
+    "first_iteration": "int64",
+    "experiments": "int64",
+    "failed": "int64",
+    "mean": "float64",
+    "standard_deviation": "float64",
 }
+_OF_TESTS = {"tests": "Int64", "test_mean": "float64", "test_low": "float64", "test_high": "float64"}
+_DTYPES = {**_OWN, **_OF_TESTS, "parent": "Int64"}
+"""The columns of a table of configurations, with their types; Int64 may have empty cells."""
 
 
 def experiments_table(path: Path) -> "pd.DataFrame":
@@ -91,7 +95,7 @@ def _configurations(record: Record) -> "pd.DataFrame":
 def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
     """The columns of `configurations_table`, the number of the configuration first, and its rows.
 
-    They are no table of pandas, which takes long to import, at the end of each race.
+    These are plain lists: each race writes them at its end, and pandas takes long to import.
     """
     experiments: dict[int, list[ExperimentDone]] = {}
     for one in record.results():

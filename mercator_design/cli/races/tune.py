@@ -35,9 +35,10 @@ from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.thread_executor import ThreadExecutor
-from mercator_design.report.columns import aligned, csv_text
+from mercator_design.report.columns import aligned
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
+from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import write_text, writing
 
 _FIXED = (

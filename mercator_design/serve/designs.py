@@ -66,9 +66,13 @@ class Designs(Records[Design]):
         return self._known.get(identity)
 
     def find(self, viewer: str | None, *, owner: str = "", text: str = "", shared: bool = False) -> list[Design]:
-        """The designs that a user may see, the newest first; None is an administrator, who sees all.
+        """The designs that a user may see, the newest first.
 
-        A text is looked for in their names, and in those of their missions.
+        Args:
+            viewer: Sees own designs and shared ones; None: an administrator, who sees all.
+            owner: Only of this user.
+            text: Only with this text in the name, or in that of the mission.
+            shared: Only shared ones.
         """
         with self._lock:
             found = [one for one in self._known.values() if viewer is None or one.shared or one.owner == viewer]

@@ -30,7 +30,12 @@ R = TypeVar("R", bound=Record)
 
 
 class Records(Generic[R]):
-    """The records in a folder, of a dataclass; each is in a file of the given name.
+    """The records in a folder.
+
+    Args:
+        folder: Where they are; it is made if need be.
+        kind: The dataclass.
+        file: The name of the file of a record in its folder.
 
     Raises:
         OSError: The folder cannot be made.

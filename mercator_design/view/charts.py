@@ -115,7 +115,7 @@ def line_chart(lines: Sequence[Line], x: Axis, y: Axis) -> str:
     )
     drawn = []
     for k, line in enumerate(lines):
-        colour = _ink(k)
+        colour = _colour(k)
         if line.low:
             there = [frame.at(*point) for point in zip(line.x, line.high, strict=True)]
             back = [frame.at(*point) for point in zip(line.x, line.low, strict=True)]
@@ -153,7 +153,7 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
             below[place] += value
             drawn.append(
                 f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}" '
-                f'fill="{_ink(k)}" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
+                f'fill="{_colour(k)}" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
                 f"<title>{escaped(names[place])}, {escaped(kind.name)}: {number(value)}</title></rect>"
             )
     return frame.svg(drawn)
@@ -177,7 +177,7 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     )
     drawn = []
     for k, row in enumerate(rows):
-        y, colour = frame.top + _ROW * (k + 0.5), _ink(row.colour)
+        y, colour = frame.top + _ROW * (k + 0.5), _colour(row.colour)
         x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
         drawn += [
             f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
@@ -332,7 +332,7 @@ class _Frame:
 
     def _legend(self) -> Iterator[str]:
         for k, (name, (x, y)) in enumerate(zip(self.legend, self.places, strict=True)):
-            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{_ink(k)}"/>'
+            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{_colour(k)}"/>'
             yield _text(x + 17, y, label(name, 60))
 
 
@@ -372,7 +372,7 @@ def _limits(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
     return _range(axis if axis.categories else axis._replace(low=low, high=high), [])
 
 
-def _ink(k: int) -> str:
+def _colour(k: int) -> str:
     """The colour of the k-th line or kind."""
     return f"var(--k{k % len(COLOURS)})"
 

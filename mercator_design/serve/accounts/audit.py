@@ -20,7 +20,13 @@ _log = logging.getLogger(__name__)
 
 
 class Audit:
-    """Writes the audit log, and begins a new file after so many bytes (0: never); safe for several threads."""
+    """Writes the audit log; safe for several threads.
+
+    Args:
+        file: The log; older ones are beside it, as audit.log.1.
+        now: The time.
+        size: Bytes after which a new file is begun; 0: never.
+    """
 
     def __init__(self, file: Path, now: Callable[[], datetime], size: int = _SIZE) -> None:
         self._handler = _PrivateFile(file, maxBytes=size, backupCount=_OLD, encoding="ascii", delay=True)

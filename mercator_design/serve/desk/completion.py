@@ -62,7 +62,13 @@ class Completions:
 
 
 def completions(text: str, line: int, column: int) -> Completions:
-    """What may be written at a line and column, from 1, of a mission's text, which may be unfinished."""
+    """What may be written at a place of a mission's text.
+
+    Args:
+        text: The text; it may be unfinished.
+        line: The line, from 1.
+        column: The column in characters, from 1.
+    """
     nothing = Completions(column=column, options=())
     lines = text[:MAX_FILE_SIZE].split("\n")
     if line > len(lines) or column - 1 > len(lines[line - 1]):

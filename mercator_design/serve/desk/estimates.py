@@ -43,7 +43,13 @@ class Cost:
 
 
 def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> Cost:
-    """The computing time of the race of a job, of which so many experiments run at the same time.
+    """The computing time of the race of a job.
+
+    Args:
+        request: What the job is to do.
+        text: The text of its mission; None: the shipped one.
+        limits: Of the service.
+        cores: Experiments that run at the same time.
 
     Raises:
         MercatorError: The mission is not valid, or a race of it cannot begin.

@@ -141,7 +141,16 @@ class Index:
     ) -> tuple[list[Row], int]:
         """A page of the rows that a user may see, and the number of all of them.
 
-        The user None is an administrator, who sees all. A text is looked for in the ids and names.
+        Args:
+            viewer: Sees own rows, shared ones, and run folders of no job; None: an administrator, who sees all.
+            states: Only of these; by default of all.
+            owner: Only of this user.
+            text: Only with this text in the id or the name.
+            shared: Only shared ones.
+            order: One of ORDERS.
+            descending: Whether the last comes first.
+            limit: Maximum number of rows.
+            offset: Rows before the page.
         """
         conditions, values = [], list[object]()
         if viewer is not None:

@@ -29,7 +29,13 @@ class RaceProcess(Protocol):
 
 
 class Launcher:
-    """Starts the processes of races, in each of which so many experiments run at the same time."""
+    """Starts the processes of races.
+
+    Args:
+        store: The jobs.
+        settings: Of the service.
+        cores: Experiments of a race that run at the same time.
+    """
 
     def __init__(self, store: Store, settings: Settings, cores: int) -> None:
         self._store, self._settings, self._cores = store, settings, cores

@@ -45,6 +45,11 @@ class Kept:
 
     A part is computed again only if the run folder has changed, by one request at a time, and while a race goes on at
     most so often that it takes a small share of the time of one helper. All other requests get the latest part at once.
+
+    Args:
+        desk: Computes them.
+        helpers: Number of its helpers; a user has at most half of them at a time.
+        clock: Seconds that have passed since some time.
     """
 
     def __init__(self, desk: Desk, helpers: int, *, clock: Callable[[], float] = time.monotonic) -> None:

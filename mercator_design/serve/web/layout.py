@@ -33,7 +33,17 @@ def page(
     styles: Sequence[str] = (),
     status: int = 200,
 ) -> HTMLResponse:
-    """A page for a user, or for one who is not logged in; `here` is its link in the navigation."""
+    """A page.
+
+    Args:
+        title: Of the page.
+        body: Its parts, as HTML.
+        user: Who sees it; None before the login.
+        here: The link in the navigation that leads to it.
+        scripts: Further assets.
+        styles: Further assets.
+        status: Of the answer.
+    """
     known = assets()
     head = [f'<link rel="stylesheet" href="{known[name].address}">' for name in (*_STYLES, *styles)]
     head += [f'<script src="{known[name].address}" defer></script>' for name in (*_SCRIPTS, *scripts)]

@@ -67,7 +67,14 @@ def _cookie(scope: Scope) -> dict[str, Any]:
 def login_page(
     target: str, wrong: str = "", *, status: int = 200, headers: dict[str, str] | None = None
 ) -> HTMLResponse:
-    """The page on which one logs in, which leads to an address of this service; with what was wrong before."""
+    """The page on which one logs in.
+
+    Args:
+        target: The address of this service to which it leads.
+        wrong: What was wrong with the attempt before.
+        status: Of the answer.
+        headers: Further ones.
+    """
     problem = f'<p class="problem" role="alert">{escaped(wrong)}</p>' if wrong else ""
     form = Html(
         f'<form method="post" action="{LOGIN}" class="fields">'

@@ -179,7 +179,7 @@ def _border(box: Rectangle, towards: Point) -> Point:
 def _labelled(arrows: Sequence[Arrow], boxes: Sequence[Rectangle], *, beside_lines: bool) -> tuple[list[Arrow], float]:
     """The arrows with their labels on them, and the area that labels cover of what they must not cover.
 
-    Beside lines, labels also keep off other arrows, where they can.
+    With `beside_lines`, labels also keep off other arrows, where they can.
     """
     fixed = [box._replace(width=box.width + _MARGIN, height=box.height + _MARGIN) for box in boxes]
     fixed += [Rectangle(*arrow.at(0.96), 16.0, 16.0) for arrow in arrows]

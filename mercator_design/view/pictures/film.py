@@ -63,7 +63,13 @@ class Film:
     """Experiments side by side, as a film at a speed."""
 
     def __init__(self, shown: Sequence[ShownExperiment], path: Path, *, speed: float, caption: str) -> None:
-        """Prepare a film; the suffix of the path, of FORMATS, is its format.
+        """Prepare a film.
+
+        Args:
+            shown: What to show.
+            path: The file; its suffix is of FORMATS.
+            speed: Seconds of the experiment in a second of the film.
+            caption: Line below the scenes.
 
         Raises:
             MercatorError: A package for this format is missing.

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 _VERSION = "4.4"
 """The version of irace whose names are used."""
-_TESTS = {ours: name for name, ours in TESTS.items() if ours != "friedman"}  # that is friedman in logs, too
+_TESTS = {ours: name for name, ours in TESTS.items() if ours != "friedman"}
+"""irace's names of our tests, by ours. `friedman` has the same name in logs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +184,7 @@ def _parameters(space: Space) -> dict[str, Any]:
     in_order = sorted(parameters, key=lambda one: space.levels[one.name])
     return {
         "names": np.array(names),
-        "types": named([one.kind[0] for one in parameters]),
+        "types": named([one.kind[0] for one in parameters]),  # c, o, i, r
         "switches": named([one.switch for one in parameters]),
         "domain": domains,
         "domains": domains,

@@ -172,7 +172,7 @@ def _wrong(path: str, error: OSError) -> str:
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV:
             return f"no such port; connected are {_listed(list_ports.comports())}"
-        case errno.EACCES | errno.EPERM if Path(path).stat().st_mode & _OF_GROUP != _OF_GROUP:  # while a shell has it
+        case errno.EACCES | errno.EPERM if Path(path).stat().st_mode & _OF_GROUP != _OF_GROUP:  # as login shells do
             return (
                 "no permission, and its group has none either; is a login shell on it (raspi-config), or is it "
                 "of another user?"

@@ -1,11 +1,11 @@
-"""Compiles functions; with inlining.py the only file that uses numba.
+"""Compiles functions; with the files of compiling/ the only one that uses numba.
 
 A kernel is a plain Python function in a small subset of the language (floats, tuples, rows of numbers, `math`), marked
 `@jittable`. The mark does not change the function: Python, and the robot, call it as it is. `compiled` makes the fast
 form of one entry function, in which every call of a marked function is compiled too. So there is one definition of each
 behaviour, and control software runs without numba.
 
-Compiled code is cached in folders named by digests of its sources (kernel_sources.py).
+Compiled code is cached in folders named by digests of its sources (compiling/kernel_sources.py).
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from mercator_design import inlining, kernel_sources
+from mercator_design.compiling import inlining, kernel_sources, linking
 from mercator_design.system import kernel_cache
 
 R = TypeVar("R")
@@ -55,17 +55,71 @@ def forget(functions: Iterable[Callable[..., Any]]) -> None:
 
 
 def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
-    """A kernel `call(which, *arguments)` that calls function number `which`.
-
-    A list may grow until code that calls the kernel is compiled.
-    """
-    table = functions if isinstance(functions, list) else tuple(functions)
+    """A kernel `call(which, *arguments)` that calls function number `which`."""
+    table = tuple(functions)
 
     def call(which: int, *arguments: Any) -> R:
         return table[which](*arguments)
 
-    call.links = table  # type: ignore[attr-defined]  # the functions of the compiled form
+    call.links = table  # type: ignore[attr-defined]  # the functions in the compiled form
     return jittable(call)
+
+
+def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -> Callable[..., None]:
+    """As `dispatcher`; functions may be added to the list at any time.
+
+    These are compiled apart, and not a part of the code that calls them.
+
+    Args:
+        functions: The functions.
+        like: Arguments of the types with which compiled code calls the added ones.
+    """
+    links = tuple(functions)
+
+    def call(which: int, *arguments: Any) -> None:
+        functions[which](*arguments)
+
+    call.links = links  # type: ignore[attr-defined]
+    call.added = _Added(functions, len(links), like)  # type: ignore[attr-defined]
+    return jittable(call)
+
+
+class _Added:
+    """The functions that were added to those of an open dispatcher."""
+
+    def __init__(self, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
+        self._functions, self._first, self.like = functions, first, like
+        self._linked: list[Callable[..., None]] | None = None  # at first, for then there is no table
+        self._entries: dict[Callable[..., None], _Entry] = {}
+
+    @functools.cached_property
+    def table(self) -> linking.LinkTable:
+        """Their addresses; there is one table, as there is one open dispatcher. Used with the lock."""
+        return linking.LinkTable("mercator_design_added")
+
+    def link(self) -> None:
+        """Compile those that are not compiled yet, and enter their addresses; needed before code that may call them."""
+        added = self._functions[self._first :]
+        if added != self._linked:
+            with _lock:
+                for function in added:
+                    if function not in self._entries:
+                        self._entries[function] = _Entry(function)
+                self.table.fill([self._entries[function].address(self.like) for function in added])
+                self._linked = added
+
+
+@functools.cache
+def c_call(*arguments: str, result: str = "nothing") -> Callable[[int, tuple[float, ...]], int]:
+    """As `linking.c_call`."""
+    return jittable(linking.c_call(*arguments, result=result))
+
+
+@functools.cache
+def memory_access() -> tuple[Callable[[int], float], Callable[[int, float], None]]:
+    """As `linking.memory_access`."""
+    load, store = linking.memory_access()
+    return jittable(load), jittable(store)
 
 
 def jit_wanted() -> bool:
@@ -96,37 +150,64 @@ def compiled(function: F) -> F:
 
 
 def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
-    import numba
-
-    _load_array_functions()
-    folder = cache_folder()
-    usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder)
-    try:
-        # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and counting
-        # the references to all passed arrays would take two thirds of the time.
-        options: dict[str, Any] = {"cache": folder is not None, "nogil": True, "error_model": "numpy", "_nrt": False}
-        entry: Any = numba.njit(**options)(function)
-        cache = kernel_cache.keep_whole(entry._cache, _part(function), _register_waiting)  # noqa: SLF001 - no other way
-        entry._cache = cache  # noqa: SLF001
-    finally:
-        numba.config.CACHE_DIR = usual
+    entry = _Entry(function)
+    added = [kernel.added for kernel in kernel_sources.reached(function, _marked) if hasattr(kernel, "added")]
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
+        for each in added:
+            each.link()
+        return entry(*arguments)
+
+    return call
+
+
+class _Entry:
+    """An entry function, which is compiled at its first call for arguments of some types."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        import numba
+
+        _load_array_functions()
+        folder = cache_folder()
+        usual = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(folder)
         try:
-            return entry(*arguments)
-        except (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError) as error:
-            cache.give_up()
+            # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and
+            # counting the references to all passed arrays would take two thirds of the time.
+            options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+            self._entry: Any = numba.njit(cache=folder is not None, **options)(function)
+            numbas = self._entry._cache  # noqa: SLF001 - no other way
+            self._cache = kernel_cache.keep_whole(numbas, _part(function), _register_waiting)
+            self._entry._cache = self._cache  # noqa: SLF001
+        finally:
+            numba.config.CACHE_DIR = usual
+        self._errors = (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._tried(self._entry, *arguments)
+
+    def address(self, like: Sequence[Any]) -> int:
+        """The address of the code for arguments of these types, which ends with this object."""
+        import numba
+
+        types = tuple(map(numba.typeof, like))
+        self._tried(self._entry.compile, types)
+        made = self._entry.overloads[types]
+        return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+    def _tried(self, use: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return use(*arguments)
+        except self._errors as error:
+            self._cache.give_up()
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
             raise CompilationError(reason[:500], places) from error
         except BaseException:  # for example if the user interrupts it
-            cache.give_up()
+            self._cache.give_up()
             raise
-
-    return call
 
 
 @functools.cache
@@ -201,11 +282,6 @@ def _part(function: Callable[..., Any]) -> str:
     return kernel_sources.foreign_part(function, _marked)
 
 
-def compiling_began() -> bool:
-    """Whether something is compiled already, with the kernels marked until then."""
-    return jit_wanted() and _cache.cache_info().currsize > 0
-
-
 def kernel_files() -> list[Path]:
     """The source files of compiled code: those of this package, and those of marked functions elsewhere."""
     return [*kernel_sources.package_files(), *kernel_sources.sources(_foreign())]
@@ -246,10 +322,21 @@ def _register(function: Callable[..., Any]) -> None:
         register_jitable(**inlining.options())(function)
         return
 
-    chain = _chain(tuple(links))
+    chain = _chain(links)
+    added = getattr(function, "added", None)
+    if added is None:
 
-    def dispatch(which: Any, *arguments: Any) -> Any:
-        return chain(which, *arguments)
+        def dispatch(which: Any, *arguments: Any) -> Any:
+            return chain(which, *arguments)
+
+    else:
+        n, call_added = len(links), added.table.call(added.like)
+
+        def dispatch(which: Any, *arguments: Any) -> Any:
+            if which < n:
+                chain(which, *arguments)
+            else:
+                call_added(which - n, arguments)
 
     _name(dispatch, "dispatch", links)
     overload(function, jit_options=inlining.options(), strict=False)(lambda which, *arguments: dispatch)
@@ -285,77 +372,3 @@ def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[...,
     numbers of another process and is linked by these names, so two closures of one name could be confused.
     """
     closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"
-
-
-@functools.cache
-def c_call(*arguments: str, result: str = "nothing") -> Callable[[int, tuple[float, ...]], int]:
-    """A call, for compiled code only, of a C function: `call(address, (values, ...))`.
-
-    A vector of two doubles that is passed by value is two arguments: so it is on x86-64 (System V) and on AArch64, not
-    on Windows.
-
-    Args:
-        arguments: "pointer" (the value is an int64 address), "int" or "double", in the order of the C function.
-        result: "nothing" or "pointer".
-    """
-
-    def call(typing_context: Any, address: Any, values: Any) -> Any:
-        from llvmlite import ir
-        from numba import types
-        from numba.core import cgutils
-
-        byte, number = ir.PointerType(ir.IntType(8)), ir.IntType(32)
-        c_types = [{"pointer": byte, "int": number, "double": ir.DoubleType()}[argument] for argument in arguments]
-        is_pointer = result == "pointer"
-        c_function = ir.PointerType(ir.FunctionType(byte if is_pointer else ir.VoidType(), c_types))
-        values_of: Callable[[Any, Any], list[Any]] = cgutils.unpack_tuple
-
-        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            convert = {byte: builder.inttoptr, number: builder.trunc}
-            passed = [
-                convert[c_type](value, c_type) if c_type in convert else value
-                for value, c_type in zip(values_of(builder, given[1]), c_types, strict=True)
-            ]
-            found = builder.call(builder.inttoptr(given[0], c_function), passed)
-            return builder.ptrtoint(found, ir.IntType(64)) if is_pointer else context.get_dummy_value()
-
-        return (types.int64 if is_pointer else types.void)(types.int64, values), build
-
-    return _intrinsic(call, "_".join(["call", *arguments, *([result] if result != "nothing" else [])]))
-
-
-@functools.cache
-def memory_access() -> tuple[Callable[[int], float], Callable[[int, float], None]]:
-    """For compiled code only: `load(address)` and `store(address, value)` of a double in memory."""
-
-    def load(typing_context: Any, address: Any) -> Any:
-        from llvmlite import ir
-        from numba import types
-
-        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            return builder.load(builder.inttoptr(given[0], ir.PointerType(ir.DoubleType())))
-
-        return types.float64(types.int64), build
-
-    def store(typing_context: Any, address: Any, value: Any) -> Any:
-        from llvmlite import ir
-        from numba import types
-
-        def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            builder.store(given[1], builder.inttoptr(given[0], ir.PointerType(ir.DoubleType())))
-            return context.get_dummy_value()
-
-        return types.void(types.int64, types.float64), build
-
-    return _intrinsic(load, "load"), _intrinsic(store, "store")
-
-
-def _intrinsic(types_and_code: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """A function for compiled code only, of numba's `intrinsic`, which takes long to import: so that waits."""
-
-    def call(*arguments: Any) -> Any:
-        raise NotImplementedError(f"{name} is for compiled code only")
-
-    call.intrinsic = types_and_code  # type: ignore[attr-defined]
-    call.__qualname__ = call.__name__ = name
-    return jittable(call)

@@ -5,7 +5,6 @@ import signal
 
 import pytest
 
-from mercator_design import jit
 from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
@@ -66,7 +65,6 @@ def no_tests_on_workers(monkeypatch, registries):
 
     Experiments are so short that plain Python takes less time for them than to load compiled code.
     """
-    monkeypatch.setattr(jit, "compiling_began", lambda: False)
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
 
 

@@ -38,6 +38,8 @@ DYNAMICS: dict[str, Rows] = {}
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
+_PACKAGE = Path(__file__).parents[1]
+
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[str, Plugin] = {}  # by name
 _loading = threading.RLock()
@@ -154,8 +156,16 @@ def last_line(places: Iterable[tuple[str, int]]) -> str:
     """The last place, file and line, that is in a plugin, as "my.py:7: "; empty if there is none."""
     functions = {*OBJECTIVES.values(), *DYNAMICS.values(), *CHANGES}
     files = {Path(each.__code__.co_filename).resolve() for each in functions if not is_ours(each)}
-    found = [(file, line) for file, line in places if Path(file).resolve() in files]
-    return f"{Path(found[-1][0]).resolve()}:{found[-1][1]}: " if found else ""
+    by_name = {file.name: file for file in files}
+    reached = [(Path(file).resolve(), line) for file, line in places]
+    found = [(file, line) for file, line in reached if file in files]
+    # Compiled code from the cache names the file that it was compiled from, which may be a copy of the plugin.
+    found = found or [
+        (by_name[file.name], line)
+        for file, line in reached
+        if file.name in by_name and not file.is_relative_to(_PACKAGE)
+    ]
+    return f"{found[-1][0]}:{found[-1][1]}: " if found else ""
 
 
 def change_of(name: str) -> int:
@@ -202,8 +212,7 @@ def load_plugin(path: str | Path, digest: str | None = None) -> None:
         digest: The digest that the plugin must have; otherwise it is not run.
 
     Raises:
-        MissionError: if it cannot be read or run, has another digest, defines nothing or a name that is taken, or
-            has kernels and the simulator is compiled already.
+        MissionError: if it cannot be read or run, has another digest, or defines nothing or a name that is taken.
     """
     plugin = read_plugin(Path(path))
     if digest not in {None, plugin.digest}:
@@ -234,17 +243,13 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
         for path, source in plugin.files.items():
             if others.get(path, source) != source:  # a run folder has one file of a name
                 raise MissionError(f"{label}: its file {path} differs from that of another plugin with the same name")
-        before, marked, changes = {**OBJECTIVES, **DYNAMICS}, jit.marked(), len(CHANGES)
+        before = {**OBJECTIVES, **DYNAMICS}
         with contextlib.ExitStack() as undo:
             undo.callback(snapshot())
             offer(plugin)
             _run(plugin, label)
             if before == {**OBJECTIVES, **DYNAMICS}:
                 raise MissionError(f"{label}: a plugin that defines neither an @objective nor a @dynamic")
-            if (jit.marked() > marked or len(CHANGES) > changes) and jit.compiling_began():
-                raise MissionError(
-                    f"{label}: a plugin with compiled code; load it before the first experiment of this process"
-                )
             undo.pop_all()
         _loaded[plugin.name] = plugin
 

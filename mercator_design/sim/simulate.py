@@ -12,7 +12,6 @@ from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import CompilationError, cache_warning, compiled, is_cached, jit_wanted
-from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
 from mercator_design.missions.trace import Trace
@@ -173,10 +172,7 @@ class Simulator:
             announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
         self.check_placement()
         prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
-        instance = prepared.instance
         try:
-            if len(instance.scene.floor.changes):  # first: so a plugin's mistake shows before the engine is compiled
-                compiled(change_floor)(instance.scene.floor.copy(), instance.swarm.poses[:, :3].copy(), 0.0)
             prepared.run()
         except CompilationError as error:
             plugins = ", ".join(loaded_plugins())

@@ -125,7 +125,7 @@ for name, module in sys.modules.items():
     assert {place.partition("/")[0] for *_, place in places} == {"mercator_design", *NEEDED}
 
 
-COMPILING = {f"{OURS}jit.py", f"{OURS}inlining.py", f"{OURS}system/kernel_cache.py"}
+COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/kernel_cache")}
 
 
 def test_all_that_is_imported_later_is_in_it_too(sources):

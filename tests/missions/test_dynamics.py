@@ -22,7 +22,7 @@ from mercator_design.missions.plugins import DYNAMICS
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 SPOT = Disc(center=(0.0, 0.0), radius=0.5, color="black", name="spot")
 SQUARE = Rectangle(center=(2.0, 0.0), size=(1.0, 1.0), color="gray", name="square")

@@ -61,7 +61,7 @@ QUICK = ("--set", "robots=2", "--set", "duration=0.2")
 
 @pytest.fixture
 def plugin(tmp_path, registries, monkeypatch):
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # as kernels cannot be added to what is compiled
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # its kernel would be compiled for each copy
     file = tmp_path / "p.py"
     file.write_text(PLUGIN)
     load_plugin(file)

@@ -1,6 +1,5 @@
 """Objectives and floor dynamics of a user's own: found in a file, checked as ours are, named where they are missing."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -59,7 +58,17 @@ def shrinking(site, *, zone: Zone, factor: Positive):
     return [(float(site.of((zone,))[0]), factor)]
 """
 
+EXPLORE = parse("--nstates 1 --s0 0 --rwm0 5")
 NORTH = "objective={name: northernmost, direction: maximise, zones: [spot]}"
+
+
+def dynamic_of(*names):
+    return f"floor.dynamics=[{', '.join(f'{{name: {name}, zone: spot, factor: 0.999}}' for name in names)}]"
+
+
+def readings_of(simulator):
+    """What the robots read in an experiment."""
+    return simulator.run(EXPLORE, 2, record=True).history.readings.tobytes()
 
 
 def everything_registered():
@@ -163,16 +172,14 @@ class TestLoading:
             ("return (1 / 0 for _ in range(2))", "my.py:21: dynamic shrinking: ZeroDivisionError"),
         ],
     )
-    def test_a_dynamic_that_fails_is_named(self, write, monkeypatch, body, message):
-        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+    def test_a_dynamic_that_fails_is_named(self, write, body, message):
         load_plugin(write(SHRINK.replace("    return [", f"    {body}\n    return [")))
         override = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"
         with pytest.raises(MissionError, match=re.escape(message)) as caught:
             load_mission("aggregation", [override])
         assert str(caught.value).startswith(f"--set {override}: floor.dynamics[0].name: ")
 
-    def test_a_dynamic_that_fails_in_some_instances_is_named(self, write, monkeypatch):
-        monkeypatch.setattr(jit, "compiling_began", lambda: False)
+    def test_a_dynamic_that_fails_in_some_instances_is_named(self, write):
         load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
         mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
         with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:21: dynamic shrinking: Zero"):
@@ -290,7 +297,6 @@ class TestLoading:
     def test_parts_in_other_files(self, write, tmp_path, monkeypatch):
         """A plugin that fails takes along what it imported; the next one finds it as it then is."""
         monkeypatch.syspath_prepend(tmp_path)
-        monkeypatch.setattr(jit, "compiling_began", lambda: False)
         (tmp_path / "parts").mkdir()
         write("from parts.kernels import *\nfrom parts.goals import *", "parts/__init__.py")
         write(NORTHERN, "parts/goals.py")
@@ -346,11 +352,43 @@ class TestLoading:
             load_plugin(write(f"import my\n{NORTHERN.replace('northernmost', 'other')}", "other/second.py"))
         assert everything_registered() == before
 
-    def test_kernels_come_before_the_first_experiment(self, write, monkeypatch):
-        monkeypatch.setattr(jit, "compiling_began", lambda: True)
-        with pytest.raises(MissionError, match="compiled code; load it before the first experiment"):
-            load_plugin(write(SHRINK))
-        assert "shrinking" not in DYNAMICS
+    def test_dynamics_are_called_whenever_they_are_loaded(self, write, monkeypatch):
+        """After experiments, several of them, and others in their places: the compiled loop calls the right ones."""
+        Simulator(load_mission("aggregation", ["duration=1"])).run(EXPLORE, 1)
+        restore = plugins.snapshot()
+        for names in (["one"], ["two", "three"], ["four", "five"]):
+            for k, name in enumerate(names):
+                text = SHRINK.replace("table[0, 1]", f"({k + 1} * table[0, 1])").replace("shrink_zone", f"{name}_zone")
+                load_plugin(write(text.replace("shrinking", name), f"{name}.py"))
+            simulators = [Simulator(load_mission("aggregation", [dynamic_of(*names), "duration=5"]))]
+            simulators += [Simulator(load_mission("aggregation", [dynamic_of(name), "duration=5"])) for name in names]
+            fast = [readings_of(simulator) for simulator in simulators]
+            with monkeypatch.context() as patch:
+                patch.setenv("NUMBA_DISABLE_JIT", "1")
+                assert fast == [readings_of(simulator) for simulator in simulators]
+            assert len(set(fast)) == len({*names, "all"} if len(names) > 1 else names)
+            restore()
+
+    def test_a_compiled_kernel_that_fails_ends_its_experiment_alone(self, write, tmp_path):
+        """It is named by the line of the plugin that was loaded, also if the code is that of a copy."""
+        text = SHRINK.replace("    floor.zones", "    raise ValueError('too small')\n    floor.zones", 1)
+        for folder in ("one", "two"):
+            (tmp_path / folder).mkdir()
+            restore, file = plugins.snapshot(), write(text, f"{folder}/my.py")
+            load_plugin(file)
+            simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=60"]))
+            for _ in range(2):
+                with pytest.raises(MissionError, match=rf"^{file}:16: floor dynamic: ValueError: too small$"):
+                    simulator.run(EXPLORE, 1)
+            assert simulator.run(parse("--nstates 1 --s0 1"), 3).score == 0
+            restore()
+
+    def test_one_that_cannot_be_compiled_is_so_each_time(self, write):
+        load_plugin(write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2")))
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
+        for _ in range(2):
+            with pytest.raises(jit.CompilationError, match="Unknown attribute 'nothing'"):
+                simulator.run(EXPLORE, 1)
 
 
 def test_references_to_zones_are_found_wherever_they_are():
@@ -359,14 +397,6 @@ def test_references_to_zones_are_found_wherever_they_are():
     assert list(found.zones()) == [("signal", "a"), ("places.black", "b"), ("places.white", "c")]
     none = Objective(name="cell_age", direction="minimise", parameters={"side": 1.0, "cells": 2})
     assert list(none.zones()) == []
-
-
-def run_apart(folder, *arguments, **environment):
-    """Run mdesign in a process of its own, as kernels of plugins cannot be added to what is compiled."""
-    command = [sys.executable, "-c", "from mercator_design.cli import main; main()", *map(str, arguments)]
-    given = {**os.environ, **environment}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=given, check=False)
-    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.usefixtures("registries")
@@ -380,28 +410,33 @@ class TestOnTheCommandLine:
         quick = ["--set", "robots=2", "--set", "duration=1", "--set", NORTH, "--set", shrink]
         code, _, error = mdesign("race", "aggregation", "--budget", 60, "-j", 1, *quick, "-o", "out")
         assert (code, "known" in error or "expected one of" in error) == (3, True)
-        code, summary, error = run_apart(
-            tmp_path, "race", "aggregation", "--budget", 60, "-j", 1, *quick, "-o", "out", "--plugin", "my.py"
-        )
-        assert code == 0, error
-        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in summary
+        command = [sys.executable, "-m", "mercator_design", "race", "aggregation", "--budget", "60", "-j", "1"]
+        command += [*quick, "-o", "out", "--plugin", "my.py"]
+        done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in done.stdout
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
         code, _, error = mdesign(*measure)
         assert (code, error) == (
             3, "Error: out/fsm.txt: was designed with the plugin my.py; give --plugin out/plugins/my.py, or --mission\n"
         )  # fmt: skip
-        compiled = run_apart(tmp_path, *measure, "--json", "--plugin", file)
+        restore = plugins.snapshot()
+        compiled = mdesign(*measure, "--json", "--plugin", file)
         assert compiled[0] == 0, compiled[2]
-        assert run_apart(tmp_path, *measure, "--json", "--plugin", file, NUMBA_DISABLE_JIT="1")[:2] == compiled[:2]
+        with monkeypatch.context() as patch:
+            patch.setenv("NUMBA_DISABLE_JIT", "1")
+            assert mdesign(*measure, "--json", "--plugin", file)[:2] == compiled[:2]
+        restore()
         write(text + "\n")
         code, _, error = mdesign(*measure, "--plugin", "my.py")
         assert (code, "my.py has changed since this was designed" in error) == (3, True)
 
-    def test_a_kernel_that_cannot_be_compiled(self, write, tmp_path):
+    def test_a_kernel_that_cannot_be_compiled(self, mdesign, write, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
         write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2"))
         shrink = "floor.dynamics=[{name: shrinking, zone: spot, factor: 0.99}]"
         arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
-        code, out, error = run_apart(tmp_path, *arguments)
+        code, out, error = mdesign(*arguments)
         assert (code, out) == (3, "")
         assert re.search(r"Error: /\S+/my.py:16: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
         assert "Traceback" not in error
@@ -423,12 +458,13 @@ class TestOnTheCommandLine:
         code, _, error = mdesign("validate", "aggregation", "--plugin", "nowhere.py")
         assert (code, error) == (3, "Error: nowhere.py: no such file\n")
 
-    def test_the_example_of_the_document(self, tmp_path):
+    def test_the_example_of_the_document(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
         text = (Path(__file__).parents[2] / "docs" / "how-to" / "extend-missions.md").read_text()
         plugin, lines = re.findall(r"```(?:python)?\n(.+?)```", text, re.DOTALL)[:2]
         (tmp_path / "my.py").write_text(plugin)
         mission = yaml.safe_load(shipped.missions()["aggregation"].read_text()) | yaml.safe_load(lines)
         (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
-        assert run_apart(tmp_path, "validate", "--plugin", "my.py", "mission.yaml") == (
+        assert mdesign("validate", "--plugin", "my.py", "mission.yaml") == (
             0, "mission.yaml: valid mission, 3 robots, 120 s; never fires there: white floor, floor colour\n", ""
         )  # fmt: skip

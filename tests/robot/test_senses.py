@@ -10,7 +10,7 @@ from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.run.monitor import Monitor, Note
 from mercator_design.robot.run.senses import Senses
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 
 def monitor_of(senses, settings):

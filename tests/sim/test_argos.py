@@ -10,7 +10,7 @@ from benchmarks.argos.repeat import Original
 from benchmarks.argos.traces import READINGS, Trace, agreements, apart, copies_apart, drive
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = pytest.mark.together("argos")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 RUNS = {run["name"]: run for run in read(Path(__file__).parents[1] / "data" / "argos_traces.json.gz")["runs"]}
 FREE = ["explore_rwm20_n1", "attract5_n1", "stop_n5", "attract5_n5", "free_run_no_walls_n1"]

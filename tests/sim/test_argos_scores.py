@@ -10,7 +10,7 @@ from benchmarks.argos import correlations, scores
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, read
 from mercator_design.fsm import parse
 
-pytestmark = [pytest.mark.together("argos"), pytest.mark.usefixtures("experiments_once")]  # compiled once
+pytestmark = [pytest.mark.together("kernels"), pytest.mark.usefixtures("experiments_once")]  # compiled once
 
 DATA = read(Path(__file__).parents[1] / "data" / "argos_scores.json.gz")
 # If nothing differs, Benjamini and Hochberg's procedure rejects anything with at most this chance. Seeds are fixed: it

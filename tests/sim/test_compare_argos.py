@@ -17,7 +17,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = [pytest.mark.together("argos"), pytest.mark.usefixtures("experiments_once")]  # compiled once
+pytestmark = [pytest.mark.together("kernels"), pytest.mark.usefixtures("experiments_once")]  # compiled once
 
 DATA = Path(__file__).parents[1] / "data"
 REFERENCE = os.environ.get("MERCATOR_REFERENCE")

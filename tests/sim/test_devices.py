@@ -28,7 +28,7 @@ from mercator_design.sim.robot_parts import (
 from tests.sim.test_light import lights
 from tests.sim.worlds import STOP, at, look, simulator
 
-pytestmark = pytest.mark.together("devices")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 MERCATOR = load_robot_model("mercator")
 EXPLORE = parse("--nstates 1 --s0 0 --rwm0 20")

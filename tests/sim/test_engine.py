@@ -16,7 +16,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 FOUR_STATES = (
     "--nstates 4 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 3 --p0x1 2 --w0x1 5 --s1 1 "

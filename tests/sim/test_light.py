@@ -11,7 +11,7 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, LightCamera, LightRing, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 MERCATOR = load_robot_model("mercator")
 CHOCOLATE = dataclasses.replace(load_robot_model("mercator-chocolate"), light=LightCamera(height=0.154, range=13.57))

@@ -21,7 +21,7 @@ from mercator_design.sim.robot_parts import Drive, Gaussian
 from mercator_design.sim.simulate import Simulator
 from tests.sim.worlds import at, mission, simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 MERCATOR = load_robot_model("mercator")
 BLIND = dataclasses.replace(MERCATOR, reference_model=MERCATOR.reference_model._replace(obstacle_threshold=2.0))

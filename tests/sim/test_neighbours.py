@@ -12,7 +12,7 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, LidarNeighbours, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 MERCATOR = load_robot_model("mercator")
 NEAR = at((0, 0, 0), (0.5, 0, 0), (0, 0.6, 0), (-0.55, 0, 2))

@@ -55,7 +55,7 @@ from mercator_design.sim.robot_parts import (
 )
 from mercator_design.sim.simulate import Simulator
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")
 MANY = 100_000

@@ -7,7 +7,7 @@ from mercator_design.jit import jittable
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.motion import glide
 
-pytestmark = pytest.mark.together("referee")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 FALSE_ALARM = 1e-6  # chance of a rejection if nothing differs, over the choice of seeds
 PUSHING = "8 that push, the original's constants, 20 s"

@@ -21,7 +21,7 @@ from mercator_design.twin.devices.lidar import TwinLidar
 from tests.sim.worlds import look
 from tests.twin.arenas import MERCATOR, QUIET, Talk, arena
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 POSES = [(0.2, 0.1, 0.7), (-0.3, 0.4, -2.0), (0.5, -0.5, 3.0)]
 LIGHT = ("lights=[{position: [0.5, 0.2, 1], intensity: 5}]",)

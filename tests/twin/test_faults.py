@@ -26,7 +26,7 @@ from mercator_design.twin.faults import (
 )
 from tests.twin.arenas import Talk
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 DATA = random.Random(1).randbytes(20_000)
 LINE = {"at": 1.0, "duration": 2.0, "robot": 0, "device": "rvr"}

@@ -14,7 +14,7 @@ from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.arena import TwinArena
 from tests.sim.test_labels import SEEK_RED
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 FLOOR = {COLOURS["black"], COLOURS["gray"]}
 

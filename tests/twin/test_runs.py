@@ -26,7 +26,7 @@ from tests.robot.ways import ALL, LATEST, in_time, soonest
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 GATHER = "--nstates 1 --s0 2 --att0 5\n"
 APART = "{shape: poses, poses: [[0.36, 0, 0], [-0.18, 0.32, 2], [-0.18, -0.32, 4]]}"

@@ -14,7 +14,7 @@ from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run.senses import Senses
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 ALONE = (0.0, 0.0, 0.0)
 

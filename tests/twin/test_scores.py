@@ -26,7 +26,7 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.twin.arena import TwinArena
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ from mercator_design.twin.twin import Twin
 from tests.processes import LIMIT, wait_until
 from tests.twin.arenas import arena
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,7 +10,7 @@ from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 from mercator_design.robot.protocols.ydlidar import Packet, Turns, encode_command
 from tests.twin.arenas import QUIET, Talk
 
-pytestmark = pytest.mark.together("twin")  # compiled once
+pytestmark = pytest.mark.together("kernels")  # compiled once
 
 
 def test_what_the_devices_say_is_of_one_world():

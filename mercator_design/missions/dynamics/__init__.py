@@ -7,15 +7,27 @@ trace keeps the floor of the start and the robots' poses, from which all changes
 import importlib
 import pkgutil
 
+import numpy as np
+
 from mercator_design.arrays import Floats
-from mercator_design.jit import dispatcher, jittable
+from mercator_design.jit import jittable, open_dispatcher
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.plugins import CHANGES
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     importlib.import_module(_module.name)
 
-_change = dispatcher(CHANGES)
+_ROWS = np.zeros((0, 1))
+_FLOOR = FloorTable(
+    zones=_ROWS,
+    background=np.zeros(3),
+    image=np.zeros((1, 1, 3), dtype=np.uint8),
+    extent=np.zeros(4),
+    vertices=_ROWS,
+    changes=np.zeros((0, 3), dtype=np.int64),
+    numbers=_ROWS,
+)
+_change = open_dispatcher(CHANGES, like=(_FLOOR, _ROWS, _ROWS, 0.0))  # plugins add theirs
 
 
 @jittable

@@ -15,14 +15,14 @@ from typing import Any
 
 Kernel = Callable[..., Any]
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 
 
 def package_files() -> list[Path]:
     """The source files of this package from which compiled code is made."""
-    folders = ("fsm", "missions", "sim")
+    folders = ("compiling", "fsm", "missions", "sim")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
-    return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit", "inlining"))]
+    return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit"))]
 
 
 def is_foreign(kernel: Kernel) -> bool:
@@ -61,18 +61,24 @@ def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
     """
     if not (is_foreign(entry) or any(map(is_foreign, marked))):
         return ""
-    found, waiting = {entry}, [entry]
-    for kernel in waiting:
-        new = [called for called in _named(kernel) if called in marked and called not in found]
-        found.update(new)
-        waiting += new
-    foreign = [kernel for kernel in found if is_foreign(kernel)]
+    foreign = [kernel for kernel in reached(entry, marked) if is_foreign(kernel)]
     return digest((), foreign)[:16] if foreign else ""
 
 
+def reached(entry: Kernel, marked: Collection[Kernel]) -> list[Kernel]:
+    """The functions in the compiled form of an entry function; arguments are those of `foreign_part`."""
+    found = {entry: None}
+    for kernel in (waiting := [entry]):
+        new = [called for called in _named(kernel) if called in marked and called not in found]
+        found.update(dict.fromkeys(new))
+        waiting += new
+    return list(found)
+
+
 def _named(kernel: Kernel) -> list[Kernel]:
-    """The functions that a kernel can call: those that it names, also in tables, and the links of a dispatcher."""
-    values = [*_read(kernel).values(), *getattr(kernel, "links", ())]
+    """The functions that become a part of a kernel: those that it names, also in tables; of a dispatcher its links."""
+    links = getattr(kernel, "links", None)
+    values = list(_read(kernel).values() if links is None else links)
     values += [one for value in values if isinstance(value, (tuple, list)) for one in value]
     return [value for value in values if isinstance(value, types.FunctionType)]
 
@@ -108,6 +114,6 @@ def _frozen(kernel: Kernel) -> str:
     return json.dumps([kernel.__qualname__, codes, values], default=_plain)
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401
+def _plain(value: Any) -> Any:
     """An array as a list; None for anything else, such as a function."""
     return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None

@@ -1,0 +1,1 @@
+"""How numba is made to compile kernels: inlined, linked, and cached by their sources. jit.py is the way in."""

@@ -58,8 +58,10 @@ def test_plot(work, mdesign):
         (["fsm.txt"], 2, "names no mission; give --mission"),
         (["fsm.txt", *SHORT, "--video", "film.avi"], 2, ".mp4 or .gif"),
         (["fsm.txt", *SHORT, "--video", "film.gif", "--png", "1"], 2, "not both"),
-        (["fsm.txt", *SHORT, "--png", "1", "-o", "still.jpg"], 2, "ends in .png, .svg or .pdf, found 'still.jpg'"),
-        (["fsm.txt", *SHORT, "-o", "film.gif"], 2, "ends in .html or .htm, found 'film.gif'"),
+        (["fsm.txt", *SHORT, "--png", "1", "-o", "still.jpg"], 2, "ends in .html, .htm, .png, .svg or .pdf"),
+        (["fsm.txt", *SHORT, "--png", "1", "-o", "still.html"], 2, "ends in .png, .svg or .pdf, found 'still.html'"),
+        (["none.txt", *SHORT, "-o", "film.gif"], 2, "ends in .html, .htm, .png, .svg or .pdf, found 'film.gif'"),
+        (["fsm.txt", *SHORT, "-o", "film.png"], 2, "ends in .html or .htm, found 'film.png'"),
         (["none.txt", *SHORT], 3, "none.txt: no such file"),
         (["fsm.txt", *SHORT, "-o", "none/replay.html"], 1, "none"),
         (["trace.csv"], 2, "with --mission"),
@@ -68,7 +70,7 @@ def test_plot(work, mdesign):
         (["fsm.txt", *SHORT, "--start", "0,0,0"], 2, "--start needs LOG as the first file"),
         (["fsm.txt", *SHORT, "--png", "3"], 2, "expected at most 2 s"),
         (["fsm.txt", *SHORT, "--png", "nan"], 2, "'nan' is not a number"),
-        (["fsm.txt", *SHORT, "-o", "fsm.txt"], 2, "expected another file than the one that is shown"),
+        (["fsm.html", *SHORT, "-o", "fsm.html"], 2, "expected another file than the one that is shown"),
         (["fsm.txt", *SHORT, "--video", "film.gif", "-o", "x.html"], 2, "expected --video or -o, not both"),
         (["log.jsonl", "--set", "robots=2"], 2, "--set needs --mission"),
         (["log.jsonl"], 1, "log.jsonl"),
@@ -77,6 +79,7 @@ def test_plot(work, mdesign):
 def test_mistakes(arguments, code, message, work, mdesign):
     (work / "trace.csv").write_text("time\n")
     (work / "log.jsonl").write_text("{}\n")
+    (work / "fsm.html").write_bytes((work / "fsm.txt").read_bytes())
     found, out, err = mdesign("replay", *arguments)
     assert (found, out) == (code, "")
     assert message in err

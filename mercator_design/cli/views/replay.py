@@ -8,7 +8,7 @@ import click
 from mercator_design.cli.options import FileOf
 from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
-from mercator_design.command import OUTPUT_FILE, NumberRange, print_message, print_result
+from mercator_design.command import NumberRange, print_message, print_result
 from mercator_design.errors import printable
 from mercator_design.report.progress import Display
 from mercator_design.system.files import writing
@@ -16,13 +16,15 @@ from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.page import ReplayPage
 from mercator_design.view.pictures import figures, film
 
+_PAGES = (".html", ".htm")
+
 
 @click.command()
 @shows_experiments
 @click.option(
     "-o",
     "--output",
-    type=OUTPUT_FILE,
+    type=FileOf(*_PAGES, *figures.FORMATS),
     help="The page, or with --png the picture.  [default: replay.html; with --png replay.png]",
 )
 @click.option("--open", "is_opened", is_flag=True, help="Open the page in a browser.")
@@ -65,7 +67,7 @@ def replay(
         with writing(path), Display(f"{path.name}: frames", len(frames.times)) as display:
             frames.write(display.show)
     else:
-        path = FileOf(".html", ".htm").convert(output or "replay.html", None, None)
+        path = FileOf(*_PAGES).convert(output or "replay.html", None, None)
         with writing(path):
             ReplayPage(shown).save(path)
     print_result(printable(f"{path}: {score}" if score else str(path)))

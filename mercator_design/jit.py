@@ -15,7 +15,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -65,14 +65,17 @@ def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
     return jittable(call)
 
 
-def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -> Callable[..., None]:
+def open_dispatcher(
+    functions: list[Callable[..., None]], used: Collection[Callable[..., None]], like: Sequence[Any]
+) -> Callable[..., None]:
     """As `dispatcher`; functions may be added to the list at any time.
 
     These are compiled apart, and not a part of the code that calls them.
 
     Args:
         functions: The functions.
-        like: Arguments of the types with which compiled code calls the added ones.
+        used: Those of the added ones that are called: the others are not compiled.
+        like: Arguments of the types with which compiled code calls the added ones; arrays may have any layout.
     """
     links = tuple(functions)
 
@@ -80,33 +83,54 @@ def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -
         functions[which](*arguments)
 
     call.links = links  # type: ignore[attr-defined]
-    call.added = _Added(functions, len(links), like)  # type: ignore[attr-defined]
+    call.added = _Added(functions, len(links), used, like)  # type: ignore[attr-defined]
     return jittable(call)
 
 
 class _Added:
     """The functions that were added to those of an open dispatcher."""
 
-    def __init__(self, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
-        self._functions, self._first, self.like = functions, first, like
-        self._linked: list[Callable[..., None]] | None = None  # at first, for then there is no table
-        self._entries: dict[Callable[..., None], _Entry] = {}
+    def __init__(
+        self,
+        functions: list[Callable[..., None]],
+        first: int,
+        used: Collection[Callable[..., None]],
+        like: Sequence[Any],
+    ) -> None:
+        self._functions, self._first, self._used, self.like = functions, first, used, like
+        self._linked: list[Callable[..., None] | None] | None = None  # at first, for then there is no table
+        self._made: dict[Callable[..., None], tuple[_Entry, int]] = {}  # with addresses, asked for once
+        self._linking = threading.Lock()  # not _lock, for which a thread that compiles waits
 
     @functools.cached_property
     def table(self) -> linking.LinkTable:
-        """Their addresses; there is one table, as there is one open dispatcher. Used with the lock."""
+        """Their addresses; there is one table, as there is one open dispatcher. Asked for with _lock."""
         return linking.LinkTable("mercator_design_added")
 
     def link(self) -> None:
-        """Compile those that are not compiled yet, and enter their addresses; needed before code that may call them."""
-        added = self._functions[self._first :]
-        if added != self._linked:
+        """Compile those used that are not compiled yet, and enter their addresses; before code that may call them.
+
+        Raises:
+            CompilationError: if one cannot be compiled.
+        """
+        if self._wanted() == self._linked:
+            return
+        with self._linking:
+            wanted = self._wanted()
+            addresses = [self._address(function) if function else 0 for function in wanted]
             with _lock:
-                for function in added:
-                    if function not in self._entries:
-                        self._entries[function] = _Entry(function)
-                self.table.fill([self._entries[function].address(self.like) for function in added])
-                self._linked = added
+                table = self.table
+            table.fill(addresses)
+            self._linked = wanted
+
+    def _wanted(self) -> list[Callable[..., None] | None]:
+        return [function if function in self._used else None for function in self._functions[self._first :]]
+
+    def _address(self, function: Callable[..., None]) -> int:
+        if function not in self._made:
+            entry = _Entry(function, checked=True)
+            self._made[function] = entry, entry.address(self.like)
+        return self._made[function][1]
 
 
 @functools.cache
@@ -165,36 +189,53 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
 class _Entry:
     """An entry function, which is compiled at its first call for arguments of some types."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, checked: bool = False) -> None:
+        """With `checked`, an index out of range and a division by zero are errors, as in Python."""
         import numba
 
         _load_array_functions()
         folder = cache_folder()
+        # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and counting
+        # the references to all passed arrays would take two thirds of the time.
+        options: dict[str, Any] = {"nogil": True, "_nrt": False, "error_model": "python" if checked else "numpy"}
+        if checked:
+            options["boundscheck"] = True
+        part = _part(function)
+        self._function = kernel_sources.renamed(function, part) if part else function
         usual = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(folder)
         try:
-            # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and
-            # counting the references to all passed arrays would take two thirds of the time.
-            options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
-            self._entry: Any = numba.njit(cache=folder is not None, **options)(function)
-            numbas = self._entry._cache  # noqa: SLF001 - no other way
-            self._cache = kernel_cache.keep_whole(numbas, _part(function), _register_waiting)
-            self._entry._cache = self._cache  # noqa: SLF001
+            self._entry: Any = numba.njit(cache=folder is not None, **options)(self._function)
+        except RuntimeError:  # of a function whose file has gone nothing is cached
+            self._entry = numba.njit(**options)(self._function)
         finally:
             numba.config.CACHE_DIR = usual
+        numbas = self._entry._cache  # noqa: SLF001 - no other way
+        self._cache = kernel_cache.keep_whole(numbas, part, _register_waiting)
+        self._entry._cache = self._cache  # noqa: SLF001
         self._errors = (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._tried(self._entry, *arguments)
 
     def address(self, like: Sequence[Any]) -> int:
-        """The address of the code for arguments of these types, which ends with this object."""
+        """The address of the code for arguments of these types, which ends with this object.
+
+        Raises:
+            CompilationError: also if it returns something.
+        """
         import numba
 
-        types = tuple(map(numba.typeof, like))
+        types = tuple(linking.any_layout(numba.typeof(one)) for one in like)
         self._tried(self._entry.compile, types)
         made = self._entry.overloads[types]
+        if made.signature.return_type != numba.types.none:
+            raise CompilationError(f"it returns {made.signature.return_type}; it must return nothing", self._places)
         return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+    @property
+    def _places(self) -> list[tuple[str, int]]:
+        return [(self._function.__code__.co_filename, self._function.__code__.co_firstlineno)]
 
     def _tried(self, use: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -203,8 +244,10 @@ class _Entry:
             self._cache.give_up()
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
+            if "NRT required" in reason:
+                reason = "it makes an array, a list or a text, or raises an error with a value; a kernel cannot"
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
-            raise CompilationError(reason[:500], places) from error
+            raise CompilationError(reason[:500], places or self._places) from error
         except BaseException:  # for example if the user interrupts it
             self._cache.give_up()
             raise
@@ -301,74 +344,4 @@ def _register_waiting() -> None:
     """Let compiled code call all functions marked so far; code from the cache needs none of them."""
     with _lock:
         while _waiting:
-            _register(_waiting.pop(0))
-
-
-def _register(function: Callable[..., Any]) -> None:
-    """Let compiled code call a marked function."""
-    from numba.extending import intrinsic, overload, register_jitable
-
-    if types_and_code := getattr(function, "intrinsic", None):
-        inner = intrinsic(types_and_code)
-
-        def run(*arguments: Any) -> Any:
-            return inner(*arguments)
-
-        _name(run, "intrinsic", (function,))
-        overload(function, jit_options=inlining.options(), strict=False)(lambda *arguments: run)
-        return
-    links = getattr(function, "links", None)
-    if links is None:
-        register_jitable(**inlining.options())(function)
-        return
-
-    chain = _chain(links)
-    added = getattr(function, "added", None)
-    if added is None:
-
-        def dispatch(which: Any, *arguments: Any) -> Any:
-            return chain(which, *arguments)
-
-    else:
-        n, call_added = len(links), added.table.call(added.like)
-
-        def dispatch(which: Any, *arguments: Any) -> Any:
-            if which < n:
-                chain(which, *arguments)
-            else:
-                call_added(which - n, arguments)
-
-    _name(dispatch, "dispatch", links)
-    overload(function, jit_options=inlining.options(), strict=False)(lambda which, *arguments: dispatch)
-
-
-def _chain(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
-    """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
-    import numba
-
-    head = functions[0]
-    if len(functions) == 1:
-
-        def last(which: int, *arguments: Any) -> Any:
-            return head(*arguments)
-
-        _name(last, "chain", functions)
-        return cast("Callable[..., Any]", numba.njit(**inlining.options())(last))
-    tail = _chain(functions[1:])
-
-    def link(which: int, *arguments: Any) -> Any:
-        if which == 0:
-            return head(*arguments)
-        return tail(which - 1, *arguments)
-
-    _name(link, "chain", functions)
-    return cast("Callable[..., Any]", numba.njit(**inlining.options())(link))
-
-
-def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:
-    """Name a closure by the functions that it calls.
-
-    numba names machine code by the function's name and a number that counts within a process. Code from the cache has
-    numbers of another process and is linked by these names, so two closures of one name could be confused.
-    """
-    closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"
+            inlining.register(_waiting.pop(0))

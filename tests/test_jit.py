@@ -1,16 +1,20 @@
 """The cache of compiled code: found again, never in the way."""
 
+import enum
 import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from mercator_design import jit
-from mercator_design.compiling import kernel_sources
+from mercator_design.compiling import inlining, kernel_sources
 from mercator_design.fsm.behaviours import behave
 from mercator_design.fsm.conditions import logistic, probability
 from mercator_design.missions.dynamics import change_floor
@@ -246,6 +250,17 @@ class TestPartsOfOtherKernels:
             sys.modules.pop(name)
         assert parts[0] == parts[2] != parts[1]
 
+    @pytest.mark.parametrize("value", ["0.5", "b'\\x05'", "1j", "Kind"])
+    def test_a_value_that_it_reads_or_has_by_default_counts(self, marked, value):
+        def part_of(default, enumerated):
+            names = {"Kind": enum.Enum("Kind", {"A": enumerated}), "default": eval(default)}  # noqa: S307 - our own
+            exec("def entry(x, given=default):\n    return given, Kind.A.value", names)  # noqa: S102 - our own
+            return kernel_sources.foreign_part(names["entry"], jit.marked())
+
+        base = part_of("0.25", 0.3)
+        assert base == part_of("0.25", 0.3)
+        assert base != (part_of("0.25", 0.4) if value == "Kind" else part_of(value, 0.3))
+
     def test_one_that_is_patched_in_counts(self, monkeypatch, marked):
         before = kernel_sources.foreign_part(kernel.begin_step, jit.marked())
 
@@ -262,6 +277,40 @@ def test_a_dispatcher_calls_by_number():
     assert [call(0, 5), call(1, 5)] == [6, 50]
 
 
+@pytest.mark.skipif(not jit.jit_wanted(), reason="plain Python compiles nothing")
+def test_kernels_of_one_name_are_compiled_with_names_of_their_own():
+    """Code from the cache of two processes may have the same number in its names, and would be linked as if equal."""
+
+    def make(step):
+        def kernel(x):
+            return x + step
+
+        return kernel
+
+    entries = [jit._Entry(make(step)) for step in (1.0, -1.0, 1.0)]
+    assert [entry(0.0) for entry in entries] == [1.0, -1.0, 1.0]
+    names = [overload.fndesc.llvm_func_name for entry in entries for overload in entry._entry.overloads.values()]
+    parts = [re.search(r"kernel_[0-9a-f]{16}", name)[0] for name in names]
+    assert parts[0] == parts[2] != parts[1]
+
+
+@pytest.mark.skipif(not jit.jit_wanted(), reason="plain Python compiles nothing")
+def test_others_register_kernels_while_an_added_one_is_compiled(monkeypatch):
+    """Who compiles holds numba's lock when it registers kernels: waiting for each other, no thread would go on."""
+    functions = [lambda: None]
+    added, registered = jit._Added(functions, 0, functions, ()), threading.Event()
+
+    def address(entry, like):
+        threading.Thread(target=lambda: (jit._register_waiting(), registered.set()), daemon=True).start()
+        assert registered.wait(60.0)
+        return 1
+
+    monkeypatch.setattr(jit._Entry, "address", address)
+    monkeypatch.setattr(jit.linking, "LinkTable", lambda symbol: SimpleNamespace(fill=lambda addresses: None))
+    added.link()
+    assert registered.is_set()
+
+
 def test_compiled_closures_are_named_by_what_they_call():
     """numba links code from the cache by name and a number that differs between processes.
 
@@ -271,6 +320,6 @@ def test_compiled_closures_are_named_by_what_they_call():
     for chained in (behave, probability):
         for first in range(len(chained.links)):
             called = [function.__name__ for function in chained.links[first:]]
-            names.append(jit._chain(chained.links[first:]).py_func.__qualname__)
+            names.append(inlining.chain_of(chained.links[first:]).py_func.__qualname__)
             assert names[-1] == "_".join(["chain", *called])
     assert len(set(names)) == len(names)

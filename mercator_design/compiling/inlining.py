@@ -6,7 +6,8 @@ function is optimised as a whole.
 """
 
 import functools
-from typing import Any, Self
+from collections.abc import Callable
+from typing import Any, Self, cast
 
 
 @functools.cache
@@ -67,3 +68,73 @@ def _pipeline() -> type:
             return [passes]
 
     return Pipeline
+
+
+def register(function: Callable[..., Any]) -> None:
+    """Let compiled code call a marked function."""
+    from numba.extending import intrinsic, overload, register_jitable
+
+    if types_and_code := getattr(function, "intrinsic", None):
+        inner = intrinsic(types_and_code)
+
+        def run(*arguments: Any) -> Any:
+            return inner(*arguments)
+
+        _name(run, "intrinsic", (function,))
+        overload(function, jit_options=options(), strict=False)(lambda *arguments: run)
+        return
+    links = getattr(function, "links", None)
+    if links is None:
+        register_jitable(**options())(function)
+        return
+
+    chain = chain_of(links)
+    added = getattr(function, "added", None)
+    if added is None:
+
+        def dispatch(which: Any, *arguments: Any) -> Any:
+            return chain(which, *arguments)
+
+    else:
+        n, call_added = len(links), added.table.call(added.like)
+
+        def dispatch(which: Any, *arguments: Any) -> Any:
+            if which < n:
+                chain(which, *arguments)
+            else:
+                call_added(which - n, arguments)
+
+    _name(dispatch, "dispatch", links)
+    overload(function, jit_options=options(), strict=False)(lambda which, *arguments: dispatch)
+
+
+def chain_of(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
+    """Compiled `if which == 0: ... else: ...` over functions, made of nested closures that numba inlines."""
+    import numba
+
+    head = functions[0]
+    if len(functions) == 1:
+
+        def last(which: int, *arguments: Any) -> Any:
+            return head(*arguments)
+
+        _name(last, "chain", functions)
+        return cast("Callable[..., Any]", numba.njit(**options())(last))
+    tail = chain_of(functions[1:])
+
+    def link(which: int, *arguments: Any) -> Any:
+        if which == 0:
+            return head(*arguments)
+        return tail(which - 1, *arguments)
+
+    _name(link, "chain", functions)
+    return cast("Callable[..., Any]", numba.njit(**options())(link))
+
+
+def _name(closure: Callable[..., Any], role: str, functions: tuple[Callable[..., Any], ...]) -> None:
+    """Name a closure by the functions that it calls.
+
+    numba names machine code by the function's name and a number that counts within a process. Code from the cache has
+    numbers of another process and is linked by these names, so two closures of one name could be confused.
+    """
+    closure.__qualname__ = closure.__name__ = f"{role}_{'_'.join(function.__name__ for function in functions)}"

@@ -5,6 +5,7 @@ told from those of plugins, tests and benchmarks: these are *foreign*.
 """
 
 import contextlib
+import enum
 import hashlib
 import json
 import os
@@ -45,8 +46,8 @@ def digest(files: Iterable[Path], foreign: Collection[Kernel]) -> str:
     """A digest of source files and of foreign kernels, as hexadecimal text."""
     found = {**{file: file.read_bytes() for file in files}, **sources(foreign)}
     digest = hashlib.sha256()
-    for file, source in found.items():
-        digest.update(file.name.encode() + b"\0" + source + b"\0")
+    for name, source in sorted((file.name, source) for file, source in found.items()):  # wherever the files are
+        digest.update(name.encode() + b"\0" + source + b"\0")
     for text in sorted(map(_frozen, foreign)):
         digest.update(text.encode() + b"\0")
     return digest.hexdigest()
@@ -63,6 +64,16 @@ def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
         return ""
     foreign = [kernel for kernel in reached(entry, marked) if is_foreign(kernel)]
     return digest((), foreign)[:16] if foreign else ""
+
+
+def renamed(kernel: Kernel, part: str) -> Kernel:
+    """The kernel, named also by its digest: numba links the code of functions of one name as if it were the same."""
+    copy = types.FunctionType(
+        kernel.__code__, kernel.__globals__, kernel.__name__, kernel.__defaults__, kernel.__closure__
+    )
+    copy.__kwdefaults__, copy.__module__ = kernel.__kwdefaults__, kernel.__module__
+    copy.__qualname__ = f"{kernel.__qualname__}_{part}"
+    return copy
 
 
 def reached(entry: Kernel, marked: Collection[Kernel]) -> list[Kernel]:
@@ -111,9 +122,16 @@ def _frozen(kernel: Kernel) -> str:
     """What is compiled of a kernel: its code, and the values that it reads."""
     values = sorted((name, value) for name, value in _read(kernel).items() if not isinstance(value, dict))
     codes = [(code.co_code.hex(), code.co_consts) for code in _codes(kernel.__code__)]
-    return json.dumps([kernel.__qualname__, codes, values], default=_plain)
+    defaults = [kernel.__defaults__, kernel.__kwdefaults__]
+    return json.dumps([kernel.__qualname__, codes, defaults, values], default=_plain)
 
 
 def _plain(value: Any) -> Any:
-    """An array as a list; None for anything else, such as a function."""
-    return value.tolist() if hasattr(value, "tolist") and hasattr(value, "dtype") else None
+    """What JSON can say of a value that compiled code may have; None for anything else, such as a function."""
+    if hasattr(value, "tolist") and hasattr(value, "dtype"):
+        return value.tolist()
+    if isinstance(value, (bytes, complex)):
+        return repr(value)
+    if isinstance(value, enum.Enum):
+        return [value.name, value.value]
+    return list(value) if isinstance(value, enum.EnumMeta) else None

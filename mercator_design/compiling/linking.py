@@ -22,16 +22,16 @@ class LinkTable:
         binding.add_symbol(symbol, ctypes.addressof(self._pointer))
 
     def fill(self, addresses: Sequence[int]) -> None:
-        """Replace the addresses."""
+        """Replace the addresses; 0 is none."""
         import ctypes
 
-        self._tables.append((ctypes.c_void_p * len(addresses))(*addresses))
+        self._tables.append((ctypes.c_int64 * (1 + len(addresses)))(len(addresses), *addresses))
         self._pointer.value = ctypes.addressof(self._tables[-1])
 
     def call(self, like: Sequence[Any]) -> Callable[..., Any]:
         """A numba function `call(which, arguments)`, which returns nothing and raises what the kernel raises.
 
-        The table must have a kernel of this number when it runs, compiled for arguments of these types.
+        It raises IndexError if the table has no kernel of this number. They were compiled for arguments like these.
         """
         from llvmlite import ir
         from numba import typeof, types
@@ -39,7 +39,7 @@ class LinkTable:
         from numba.core.errors import TypingError
         from numba.extending import intrinsic
 
-        byte = ir.PointerType(ir.IntType(8))
+        number = ir.IntType(64)
         expected = types.Tuple([*map(typeof, like)])
 
         def call(typing_context: Any, which: Any, arguments: Any) -> Any:
@@ -49,13 +49,20 @@ class LinkTable:
             def build(context: Any, builder: Any, signature: Any, given: Any) -> Any:
                 convention, kinds = context.call_conv, signature.args[1].types
                 pointer = builder.module.globals.get(self._symbol) or ir.GlobalVariable(
-                    builder.module, byte, self._symbol
+                    builder.module, ir.PointerType(number), self._symbol
                 )
+                table = builder.load(pointer)
+                one, none = number(1), number(0)
+                is_beyond = builder.icmp_unsigned(">=", given[0], builder.load(table))
+                place = builder.select(is_beyond, none, builder.add(given[0], one))
+                address = builder.select(is_beyond, none, builder.load(builder.gep(table, [place])))
+                with cgutils.if_unlikely(builder, builder.icmp_unsigned("==", address, none)):
+                    convention.return_user_exc(builder, IndexError, ("no kernel of this number is linked",))
                 kernel = ir.PointerType(convention.get_function_type(types.none, kinds))
-                table = builder.bitcast(builder.load(pointer), ir.PointerType(kernel))
-                address = builder.load(builder.gep(table, [given[0]]))
                 values = cgutils.unpack_tuple(builder, given[1])
-                status, _ = convention.call_function(builder, address, types.none, kinds, values)
+                status, _ = convention.call_function(
+                    builder, builder.inttoptr(address, kernel), types.none, kinds, values
+                )
                 with cgutils.if_unlikely(builder, status.is_error):
                     convention.return_status_propagate(builder, status)
                 return context.get_dummy_value()
@@ -66,13 +73,22 @@ class LinkTable:
         return made
 
 
+def any_layout(kind: Any) -> Any:
+    """A type with arrays of any layout: code for it takes those of all layouts, as these are passed alike."""
+    from numba import types
+
+    if isinstance(kind, types.BaseNamedTuple):
+        return types.NamedTuple([*map(any_layout, kind)], kind.instance_class)
+    return kind.copy(layout="A") if isinstance(kind, types.Array) else kind
+
+
 def _form(kind: Any) -> Any:
-    """What machine code knows of a type: not whether it may write to an array."""
+    """What machine code knows of an argument's type."""
     from numba import types
 
     if isinstance(kind, types.BaseTuple):
         return tuple(map(_form, kind))
-    return (kind.dtype, kind.ndim, kind.layout) if isinstance(kind, types.Array) else kind
+    return (kind.dtype, kind.ndim) if isinstance(kind, types.Array) else kind
 
 
 def c_call(*arguments: str, result: str = "nothing") -> Callable[[int, tuple[float, ...]], int]:

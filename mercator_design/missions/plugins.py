@@ -38,7 +38,11 @@ DYNAMICS: dict[str, Rows] = {}
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
+USED_CHANGES: set[Change] = set()
+"""Those of CHANGES that a floor of this process had: one that cannot be compiled disturbs no other mission."""
+
 _PACKAGE = Path(__file__).parents[1]
+_PLAIN = inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 _change_of: dict[str, int] = {}  # name in DYNAMICS -> number of its kernel in CHANGES
 _loaded: dict[str, Plugin] = {}  # by name
@@ -107,15 +111,19 @@ def dynamic(*, change: Change) -> Callable[[Rows], Rows]:
             control cycle, after the robots have moved and before they sense. It changes `floor.zones` in place. `table`
             holds the rows that the marked function returned for this instance, and is the kernel's to write in; `poses`
             (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start. Colours that it paints must
-            be among the function's parameters, annotated `Colour`: robots know of no others.
+            be among the function's parameters, annotated `Colour`: robots know of no others. It returns nothing.
 
     Raises:
-        ValueError: as `objective`, and if the kernel is not marked.
+        ValueError: as `objective`, and if the kernel is not marked or has other parameters.
     """
 
     def enter(function: Rows) -> Rows:
         if not jit.is_marked(change):
             raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
+        given = inspect.signature(change).parameters.values()
+        if [(each.kind, each.default) for each in given] != [(_PLAIN, inspect.Parameter.empty)] * 4:
+            expected = f"expected {change.__name__}(floor, table, poses, time), without defaults"
+            raise ValueError(f"{function.__name__}: its change: {expected}")
         _enter(DYNAMICS, function, "a dynamic")
         if change not in CHANGES:
             CHANGES.append(change)
@@ -154,7 +162,7 @@ def line_of(error: BaseException) -> str:
 
 def last_line(places: Iterable[tuple[str, int]]) -> str:
     """The last place, file and line, that is in a plugin, as "my.py:7: "; empty if there is none."""
-    functions = {*OBJECTIVES.values(), *DYNAMICS.values(), *CHANGES}
+    functions = {*OBJECTIVES.values(), *DYNAMICS.values(), *jit.marked()}
     files = {Path(each.__code__.co_filename).resolve() for each in functions if not is_ours(each)}
     by_name = {file.name: file for file in files}
     reached = [(Path(file).resolve(), line) for file, line in places]
@@ -168,9 +176,36 @@ def last_line(places: Iterable[tuple[str, int]]) -> str:
     return f"{found[-1][0]}:{found[-1][1]}: " if found else ""
 
 
-def change_of(name: str) -> int:
-    """The number in CHANGES of a dynamic's kernel."""
-    return _change_of[name]
+@contextlib.contextmanager
+def reporting_kernels() -> Iterator[None]:
+    """Turn errors of plugins' kernels into MissionErrors that name the line."""
+    try:
+        yield
+    except jit.CompilationError as error:
+        place = last_line(error.places)
+        if not place:  # then it is our fault
+            raise
+        raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
+    except Exception as error:
+        place = line_of(error) or (_used_kernels() if isinstance(error, (IndexError, ZeroDivisionError)) else "")
+        if not place:  # of no plugin's kernel
+            raise
+        raise MissionError(f"{place}floor dynamic: {described(error)}") from error
+
+
+def _used_kernels() -> str:
+    """Where plugins' kernels begin: of an index or a division, compiled code does not tell the line."""
+    lines = [first_line(change) for change in CHANGES if change in USED_CHANGES and not is_ours(change)]
+    if len(lines) < 2:
+        return "".join(lines)
+    return f"one of {', '.join(line.removesuffix(': ') for line in lines)}: "
+
+
+def use_change(name: str) -> int:
+    """The number in CHANGES of a dynamic's kernel, which is called from now on."""
+    number = _change_of[name]
+    USED_CHANGES.add(CHANGES[number])
+    return number
 
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], what: str) -> None:

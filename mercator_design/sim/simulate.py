@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mercator_design.errors import FsmError, MissionError, SimulationError, described
+from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import CompilationError, cache_warning, compiled, is_cached, jit_wanted
+from mercator_design.jit import cache_warning, compiled, is_cached, jit_wanted
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.plugins import last_line, line_of, loaded_plugins
+from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
 from mercator_design.sim.devices import Recording
@@ -62,13 +62,8 @@ class PreparedExperiment:
         """Run the loop; arguments and errors are those of `Simulator.run`."""
         instance = self.instance
         loop = referee_experiment if referee or not jit_wanted() else _compiled
-        try:
+        with reporting_kernels():
             loop(instance.scene, instance.robot_model.reference_model, self.program, instance.swarm, self.history)
-        except Exception as error:
-            place = line_of(error)
-            if not place:  # of no plugin's kernel
-                raise
-            raise MissionError(f"{place}floor dynamic: {described(error)}") from error
 
     def outcome(self) -> Outcome:
         """The outcome, after the loop; errors are those of `Simulator.run`."""
@@ -172,14 +167,7 @@ class Simulator:
             announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
         self.check_placement()
         prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
-        try:
-            prepared.run()
-        except CompilationError as error:
-            plugins = ", ".join(loaded_plugins())
-            if not plugins:  # then it is our fault
-                raise
-            place = last_line(error.places) or f"plugin {plugins}: "
-            raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
+        prepared.run()
         return prepared.outcome().recording
 
     def check_placement(self) -> None:

@@ -16,6 +16,7 @@ from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.robot.protocols.multiflex import SENSORS
 from mercator_design.robot.protocols.ydlidar import encode_command
 from mercator_design.sim.devices import PARTS, Recording
@@ -128,7 +129,8 @@ class TwinArena:
         self._ways += np.column_stack([ahead - aside, ahead + aside])
         self.ticks += 1
         if self.ticks % self.cycle == 0:
-            compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
+            with reporting_kernels():
+                compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
         self._measured = {TREADS: self._ways}
         self._is_scanned = False
 

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -16,6 +17,7 @@ from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.missions import plugins
+from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Objective, load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin
 from mercator_design.seeds import generator
@@ -209,6 +211,9 @@ class TestLoading:
             (SHRINK.replace("def shrinking", "def visited"), "a dynamic is called 'visited' already"),
             (NORTHERN.replace("trace, *, ", "trace, "), "write `*,` behind trace: a mission gives zones by its name"),
             (SHRINK.replace("@jittable\n", ""), "shrinking: its change shrink_zone is not marked @jittable"),
+            (SHRINK.replace("poses, time", "poses"), "its change: expected shrink_zone(floor, table, poses, time)"),
+            (SHRINK.replace("poses, time", "poses, time=0.0"), "shrink_zone(floor, table, poses, time), without"),
+            (SHRINK.replace("poses, time", "poses, *, time"), "its change: expected shrink_zone(floor, table, poses"),
             ("\0", "a plugin that cannot be run"),
             (NORTHERN + SHRINK + "\n1 / 0\n", "ZeroDivisionError"),
             (SHRINK.replace("@dynamic(change=shrink_zone)\n", ""), "defines neither"),
@@ -383,12 +388,96 @@ class TestLoading:
             assert simulator.run(parse("--nstates 1 --s0 1"), 3).score == 0
             restore()
 
-    def test_one_that_cannot_be_compiled_is_so_each_time(self, write):
-        load_plugin(write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "floor.nothing *= 2")))
+    @pytest.mark.parametrize(
+        ("body", "line", "message"),
+        [
+            ("floor.nothing *= 2", 16, "Unknown attribute 'nothing'"),
+            ("unknown()", 11, "NameError: name 'unknown' is not defined"),
+            ("floor.zones[row, 3] *= len([time])", 11, "it makes an array, a list or a text, or raises an error with"),
+            ("return time, time, time", 11, "it returns .* it must return nothing"),
+        ],
+    )
+    def test_one_that_cannot_be_compiled_is_named_each_time_and_disturbs_no_other_mission(
+        self, write, body, line, message
+    ):
+        text = SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", body)
+        file = write(text)
+        load_plugin(file)
+        assert Simulator(load_mission("aggregation", ["duration=1"])).run(EXPLORE, 1).score >= 0
         simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
         for _ in range(2):
-            with pytest.raises(jit.CompilationError, match="Unknown attribute 'nothing'"):
+            with pytest.raises(MissionError, match=rf"^{file}:{line}: a kernel that cannot be compiled: {message}"):
                 simulator.run(EXPLORE, 1)
+
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ("floor.zones[row + 10 ** 9, 3] = 1.0", "IndexError: index "),
+            ("table[len(table), 0] = 1.0", "IndexError: index "),
+            ("floor.zones[row, 3] = 1.0 / (time - time)", "ZeroDivisionError: "),
+            ("floor.zones[row, 3] = 7 // (row - row)", "ZeroDivisionError: "),
+        ],
+    )
+    def test_an_index_and_a_division_are_checked_as_in_python(self, write, monkeypatch, body, message):
+        text = SHRINK.replace("        if zone_contains(floor, row, poses[i, 0], poses[i, 1]):\n    ", "")
+        file = write(text.replace("floor.zones[row, 3] *= table[0, 1]", body))
+        load_plugin(file)
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
+        for line, plain in ((11, "0"), (15, "1")):  # compiled code does not tell more than where the kernel begins
+            monkeypatch.setenv("NUMBA_DISABLE_JIT", plain)
+            with pytest.raises(MissionError, match=rf"^{file}:{line}: floor dynamic: {message}"):
+                simulator.run(EXPLORE, 1)
+
+    def test_a_mistake_in_what_a_kernel_calls_is_named(self, write, monkeypatch):
+        monkeypatch.syspath_prepend(write("").parent)
+        helper = "from mercator_design.jit import jittable\n\n@jittable\ndef bad():\n    raise ValueError('here')\n"
+        file = write(helper, "helping.py")
+        load_plugin(write("from helping import bad\n" + SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "bad()")))
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=60"]))
+        for plain in "01":
+            monkeypatch.setenv("NUMBA_DISABLE_JIT", plain)
+            with pytest.raises(MissionError, match=rf"^{file}:5: floor dynamic: ValueError: here"):
+                simulator.run(EXPLORE, 1)
+
+    def test_its_file_is_not_needed_any_more(self, write, monkeypatch):
+        file = write(SHRINK.replace("shrink_zone", "shrink_gone"))
+        load_plugin(file)
+        file.unlink()
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=5"]))
+        fast = readings_of(simulator)
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+        assert readings_of(simulator) == fast
+
+    def test_one_that_was_taken_away_is_not_called(self, write):
+        restore = plugins.snapshot()
+        load_plugin(write(SHRINK))
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
+        simulator.run(EXPLORE, 1)
+        restore()
+        with pytest.raises(IndexError, match="no kernel of this number is linked"):
+            simulator.run(EXPLORE, 1)
+
+    def test_arrays_may_have_any_layout(self, write):
+        load_plugin(write(SHRINK))
+        instance = Simulator(load_mission("aggregation", [dynamic_of("shrinking")])).instance(1)
+        poses = np.zeros((3, 3))
+        arrays = [poses, np.asfortranarray(poses), np.zeros((3, 6))[:, ::2], np.broadcast_to(poses, poses.shape)]
+        floor = instance.scene.floor.copy()
+        for times, array in enumerate(arrays, start=1):
+            jit.compiled(change_floor)(floor, array, times)
+            assert floor.zones[0, 3] == pytest.approx(0.5 * 0.999 ** (3 * times))
+
+    def test_digests_are_those_of_contents_wherever_the_files_are(self, write, tmp_path):
+        digests = []
+        for first, second in (("a", "b"), ("b", "a")):
+            restore = plugins.snapshot()
+            for folder, name in ((first, "one"), (second, "two")):
+                (tmp_path / first / folder).mkdir(parents=True)
+                text = SHRINK.replace("shrink_zone", f"{name}_zone").replace("shrinking", name)
+                load_plugin(write(text, f"{first}/{folder}/{name}.py"))
+            digests.append(jit.kernels_digest())
+            restore()
+        assert digests[0] == digests[1]
 
 
 def test_references_to_zones_are_found_wherever_they_are():

@@ -423,7 +423,7 @@ def test_a_log_that_was_cut_is_exported_as_far_as_it_goes(write, log, tmp_path):
 
 @pytest.mark.parametrize("write", [to_csv, write_mcap])
 def test_memory_does_not_grow_with_the_log(write, events, tmp_path, monkeypatch):
-    monkeypatch.setattr("mcap.writer.Writer", partial(Writer, chunk_size=1 << 14))  # 1 MiB would hide a growth
+    monkeypatch.setattr("mcap.writer.Writer", partial(Writer, chunk_size=1 << 16))  # 1 MiB would hide a growth
     peaks = []
     for times in (1, 3):
         path = tmp_path / f"{times}.jsonl"

@@ -15,7 +15,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -65,16 +65,13 @@ def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
     return jittable(call)
 
 
-def open_dispatcher(
-    functions: list[Callable[..., None]], used: Collection[Callable[..., None]], like: Sequence[Any]
-) -> Callable[..., None]:
+def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -> Callable[..., None]:
     """As `dispatcher`; functions may be added to the list at any time.
 
     These are compiled apart, and not a part of the code that calls them.
 
     Args:
         functions: The functions.
-        used: Those of the added ones that are called: the others are not compiled.
         like: Arguments of the types with which compiled code calls the added ones; arrays may have any layout.
     """
     links = tuple(functions)
@@ -83,23 +80,18 @@ def open_dispatcher(
         functions[which](*arguments)
 
     call.links = links  # type: ignore[attr-defined]
-    call.added = _Added(functions, len(links), used, like)  # type: ignore[attr-defined]
+    call.added = _Added(functions, len(links), like)  # type: ignore[attr-defined]
     return jittable(call)
 
 
 class _Added:
     """The functions that were added to those of an open dispatcher."""
 
-    def __init__(
-        self,
-        functions: list[Callable[..., None]],
-        first: int,
-        used: Collection[Callable[..., None]],
-        like: Sequence[Any],
-    ) -> None:
-        self._functions, self._first, self._used, self.like = functions, first, used, like
-        self._linked: list[Callable[..., None] | None] | None = None  # at first, for then there is no table
+    def __init__(self, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
+        self._functions, self._first, self.like = functions, first, like
+        self._linked: list[Callable[..., None]] | None = None  # at first, for then there is no table
         self._made: dict[Callable[..., None], tuple[_Entry, int]] = {}  # with addresses, asked for once
+        self._failed: dict[Callable[..., None], CompilationError] = {}
         self._linking = threading.Lock()  # not _lock, for which a thread that compiles waits
 
     @functools.cached_property
@@ -108,28 +100,35 @@ class _Added:
         return linking.LinkTable("mercator_design_added")
 
     def link(self) -> None:
-        """Compile those used that are not compiled yet, and enter their addresses; before code that may call them.
-
-        Raises:
-            CompilationError: if one cannot be compiled.
-        """
-        if self._wanted() == self._linked:
+        """Compile those that are not compiled yet, and enter their addresses; before code that may call them."""
+        if self._functions[self._first :] == self._linked:
             return
         with self._linking:
-            wanted = self._wanted()
-            addresses = [self._address(function) if function else 0 for function in wanted]
+            added = self._functions[self._first :]
+            addresses = [self._address(function) for function in added]
             with _lock:
                 table = self.table
             table.fill(addresses)
-            self._linked = wanted
+            self._linked = added
 
-    def _wanted(self) -> list[Callable[..., None] | None]:
-        return [function if function in self._used else None for function in self._functions[self._first :]]
+    def explain(self, error: IndexError) -> None:
+        """Raise CompilationError if a function was called that could not be compiled."""
+        if error.args == (linking.NOT_LINKED,):
+            for function in self._functions[self._first :]:
+                if function in self._failed:
+                    raise self._failed[function] from None
 
     def _address(self, function: Callable[..., None]) -> int:
+        """Its address; 0 if it cannot be compiled: so it disturbs only those who call it."""
+        if function in self._failed:
+            return 0
         if function not in self._made:
             entry = _Entry(function, checked=True)
-            self._made[function] = entry, entry.address(self.like)
+            try:
+                self._made[function] = entry, entry.address(self.like)
+            except CompilationError as error:
+                self._failed[function] = error
+                return 0
         return self._made[function][1]
 
 
@@ -181,7 +180,12 @@ def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
         for each in added:
             each.link()
-        return entry(*arguments)
+        try:
+            return entry(*arguments)
+        except IndexError as error:
+            for each in added:
+                each.explain(error)
+            raise
 
     return call
 

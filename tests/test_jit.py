@@ -298,7 +298,7 @@ def test_kernels_of_one_name_are_compiled_with_names_of_their_own():
 def test_others_register_kernels_while_an_added_one_is_compiled(monkeypatch):
     """Who compiles holds numba's lock when it registers kernels: waiting for each other, no thread would go on."""
     functions = [lambda: None]
-    added, registered = jit._Added(functions, 0, functions, ()), threading.Event()
+    added, registered = jit._Added(functions, 0, ()), threading.Event()
 
     def address(entry, like):
         threading.Thread(target=lambda: (jit._register_waiting(), registered.set()), daemon=True).start()

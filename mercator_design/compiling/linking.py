@@ -7,6 +7,8 @@ process. So it is the same code, and in the cache, whatever is in the table.
 from collections.abc import Callable, Sequence
 from typing import Any
 
+NOT_LINKED = "no kernel of this number is linked"
+
 
 class LinkTable:
     """Addresses of kernels for compiled code; one of a symbol in a process."""
@@ -31,7 +33,8 @@ class LinkTable:
     def call(self, like: Sequence[Any]) -> Callable[..., Any]:
         """A numba function `call(which, arguments)`, which returns nothing and raises what the kernel raises.
 
-        It raises IndexError if the table has no kernel of this number. They were compiled for arguments like these.
+        It raises IndexError(NOT_LINKED) if the table has no kernel of this number. They were compiled for arguments
+        like these.
         """
         from llvmlite import ir
         from numba import typeof, types
@@ -57,7 +60,7 @@ class LinkTable:
                 place = builder.select(is_beyond, none, builder.add(given[0], one))
                 address = builder.select(is_beyond, none, builder.load(builder.gep(table, [place])))
                 with cgutils.if_unlikely(builder, builder.icmp_unsigned("==", address, none)):
-                    convention.return_user_exc(builder, IndexError, ("no kernel of this number is linked",))
+                    convention.return_user_exc(builder, IndexError, (NOT_LINKED,))
                 kernel = ir.PointerType(convention.get_function_type(types.none, kinds))
                 values = cgutils.unpack_tuple(builder, given[1])
                 status, _ = convention.call_function(

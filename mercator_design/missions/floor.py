@@ -25,7 +25,7 @@ from mercator_design.config.schema import FieldError, FilePath, KeywordsOf, Leng
 from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.calls import Call, copied
-from mercator_design.missions.plugins import DYNAMICS, Site, first_line, use_change
+from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))
 
@@ -297,7 +297,7 @@ class Floor:
         for first, table in zip(ends, kept, strict=False):
             for k, row in enumerate(table):
                 numbers[first + k, : len(row)] = row
-        kernels = [use_change(dynamics.name) for dynamics in self.dynamics]
+        kernels = [change_of(dynamics.name) for dynamics in self.dynamics]
         return FloorTable(
             zones=zones,
             background=np.array(rgb(self.background)),

@@ -38,9 +38,6 @@ DYNAMICS: dict[str, Rows] = {}
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
-USED_CHANGES: set[Change] = set()
-"""Those of CHANGES that a floor of this process had: one that cannot be compiled disturbs no other mission."""
-
 _PACKAGE = Path(__file__).parents[1]
 _PLAIN = inspect.Parameter.POSITIONAL_OR_KEYWORD
 
@@ -187,25 +184,26 @@ def reporting_kernels() -> Iterator[None]:
             raise
         raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
     except Exception as error:
-        place = line_of(error) or (_used_kernels() if isinstance(error, (IndexError, ZeroDivisionError)) else "")
+        place = line_of(error) or _kernels_of(error)
         if not place:  # of no plugin's kernel
             raise
         raise MissionError(f"{place}floor dynamic: {described(error)}") from error
 
 
-def _used_kernels() -> str:
-    """Where plugins' kernels begin: of an index or a division, compiled code does not tell the line."""
-    lines = [first_line(change) for change in CHANGES if change in USED_CHANGES and not is_ours(change)]
+def _kernels_of(error: Exception) -> str:
+    """Where plugins' kernels begin, if one of them failed: of an index or a division, compiled code tells no line."""
+    is_compiled = traceback.extract_tb(error.__traceback__)[-1].filename == jit.__file__
+    if not (is_compiled and isinstance(error, (IndexError, ZeroDivisionError))):
+        return ""
+    lines = [first_line(change) for change in CHANGES if not is_ours(change)]
     if len(lines) < 2:
         return "".join(lines)
     return f"one of {', '.join(line.removesuffix(': ') for line in lines)}: "
 
 
-def use_change(name: str) -> int:
-    """The number in CHANGES of a dynamic's kernel, which is called from now on."""
-    number = _change_of[name]
-    USED_CHANGES.add(CHANGES[number])
-    return number
+def change_of(name: str) -> int:
+    """The number in CHANGES of a dynamic's kernel."""
+    return _change_of[name]
 
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], what: str) -> None:

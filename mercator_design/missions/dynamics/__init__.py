@@ -12,7 +12,7 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.jit import jittable, open_dispatcher
 from mercator_design.missions.floor import FloorTable
-from mercator_design.missions.plugins import CHANGES, USED_CHANGES
+from mercator_design.missions.plugins import CHANGES
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     importlib.import_module(_module.name)
@@ -27,7 +27,7 @@ _FLOOR = FloorTable(
     changes=np.zeros((0, 3), dtype=np.int64),
     numbers=_ROWS,
 )
-_change = open_dispatcher(CHANGES, USED_CHANGES, like=(_FLOOR, _ROWS, _ROWS, 0.0))  # plugins add theirs
+_change = open_dispatcher(CHANGES, like=(_FLOOR, _ROWS, _ROWS, 0.0))  # plugins add theirs
 
 
 @jittable

@@ -15,7 +15,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -89,14 +89,14 @@ class _Added:
 
     def __init__(self, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
         self._functions, self._first, self.like = functions, first, like
-        self._linked: list[Callable[..., None]] | None = None  # at first, for then there is no table
+        self._linked: list[Callable[..., None]] | None = None  # None until the table is made
         self._made: dict[Callable[..., None], tuple[_Entry, int]] = {}  # with addresses, asked for once
         self._failed: dict[Callable[..., None], CompilationError] = {}
         self._linking = threading.Lock()  # not _lock, for which a thread that compiles waits
 
     @functools.cached_property
     def table(self) -> linking.LinkTable:
-        """Their addresses; there is one table, as there is one open dispatcher. Asked for with _lock."""
+        """Their addresses; there is one table, as there is one open dispatcher. Only while _lock is held."""
         return linking.LinkTable("mercator_design_added")
 
     def link(self) -> None:
@@ -112,18 +112,19 @@ class _Added:
             self._linked = added
 
     def explain(self, error: IndexError) -> None:
-        """Raise CompilationError if a function was called that could not be compiled."""
+        """Raise CompilationError if a function that could not be compiled may have been called."""
         if error.args == (linking.NOT_LINKED,):
-            for function in self._functions[self._first :]:
-                if function in self._failed:
-                    raise self._failed[function] from None
+            failed = {each: self._failed[each] for each in self._functions[self._first :] if each in self._failed}
+            for first in failed.values():
+                raise CompilationError(str(first), first.places, failed) from None
 
     def _address(self, function: Callable[..., None]) -> int:
         """Its address; 0 if it cannot be compiled: so it disturbs only those who call it."""
         if function in self._failed:
             return 0
         if function not in self._made:
-            entry = _Entry(function, checked=True)
+            with _lock:
+                entry = _Entry(function, checked=True)
             try:
                 self._made[function] = entry, entry.address(self.like)
             except CompilationError as error:
@@ -151,11 +152,19 @@ def jit_wanted() -> bool:
 
 
 class CompilationError(Exception):
-    """A kernel cannot be compiled; `places` are files and lines of calls, the last one in this kernel."""
+    """A kernel cannot be compiled; `places` are files and lines of calls, the last one in this kernel.
 
-    def __init__(self, reason: str, places: Sequence[tuple[str, int]] = ()) -> None:
+    If it is not known which kernel was called, `others` has the errors of all that cannot be compiled.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        places: Sequence[tuple[str, int]] = (),
+        others: "Mapping[Callable[..., None], CompilationError] | None" = None,
+    ) -> None:
         super().__init__(reason)
-        self.places = places
+        self.places, self.others = places, others or {}
 
 
 def compiled(function: F) -> F:
@@ -214,8 +223,7 @@ class _Entry:
             self._entry = numba.njit(**options)(self._function)
         finally:
             numba.config.CACHE_DIR = usual
-        numbas = self._entry._cache  # noqa: SLF001 - no other way
-        self._cache = kernel_cache.keep_whole(numbas, part, _register_waiting)
+        self._cache = kernel_cache.keep_whole(self._entry._cache, part, _register_waiting)  # noqa: SLF001 - no other way
         self._entry._cache = self._cache  # noqa: SLF001
         self._errors = (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError)
 
@@ -223,7 +231,7 @@ class _Entry:
         return self._tried(self._entry, *arguments)
 
     def address(self, like: Sequence[Any]) -> int:
-        """The address of the code for arguments of these types, which ends with this object.
+        """The address of the code for arguments of these types; valid as long as this object exists.
 
         Raises:
             CompilationError: also if it returns something.
@@ -282,8 +290,9 @@ def is_cached(function: Callable[..., Any]) -> bool:
     folder = cache_folder()
     if folder is None:
         return False
-    name = kernel_cache.folder_of(function, _part(function), "*")
-    return any(map(kernel_cache.is_whole, folder.glob(f"{name}/*.{function.__qualname__}-*.{python}*.nbi")))
+    part = _part(function)
+    files = f"{kernel_cache.folder_of(function, part, '*')}/*.{kernel_sources.name_of(function, part)}-*.{python}*.nbi"
+    return any(map(kernel_cache.is_whole, folder.glob(files)))
 
 
 @contextlib.contextmanager

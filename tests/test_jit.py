@@ -167,9 +167,10 @@ class TestAnEditedKernelIsAnotherCache:
         one, two, again = (digest(numbers_of_mine=numbers.format(n), mine=kernel) for n in (2, 33, 2))
         assert one == again != two
 
-    def test_without_a_file(self):
+    @pytest.mark.parametrize("others", [("2", "33"), ("min(1, x)", "max(1, x)"), ("x.real", "x.imag")])
+    def test_without_a_file(self, others):
         digests = []
-        for factor in (2, 33, 2):
+        for factor in (others[0], others[1], others[0]):
             before = jit.marked()
             exec(compile(self.KERNEL.format(factor), "<a notebook>", "exec"), {})  # noqa: S102 - our own
             digests.append(jit.kernels_digest())

@@ -26,6 +26,7 @@ def _pipeline() -> type:
     from numba.core import compiler
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler_machinery import AnalysisPass, register_pass
+    from numba.core.targetconfig import ConfigStack
     from numba.core.typed_passes import AnnotateTypes
 
     class Inlined(JITCodeLibrary):  # type: ignore[misc]
@@ -61,6 +62,12 @@ def _pipeline() -> type:
             return True
 
     class Pipeline(compiler.CompilerBase):  # type: ignore[misc]
+        def __init__(self, *arguments: Any) -> None:  # the last but one are the flags
+            caller = ConfigStack.top_or_none()
+            if caller is not None and caller.is_set("boundscheck"):
+                arguments[-2].boundscheck = caller.boundscheck  # numba inherits other options, not this one
+            super().__init__(*arguments)
+
         def define_pipelines(self) -> list[Any]:
             passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
             passes.add_pass_after(KeepCode, AnnotateTypes)

@@ -72,8 +72,13 @@ def renamed(kernel: Kernel, part: str) -> Kernel:
         kernel.__code__, kernel.__globals__, kernel.__name__, kernel.__defaults__, kernel.__closure__
     )
     copy.__kwdefaults__, copy.__module__ = kernel.__kwdefaults__, kernel.__module__
-    copy.__qualname__ = f"{kernel.__qualname__}_{part}"
+    copy.__qualname__ = name_of(kernel, part)
     return copy
+
+
+def name_of(kernel: Kernel, part: str) -> str:
+    """What compiled code calls a kernel; arguments are those of `renamed`."""
+    return f"{kernel.__qualname__}_{part}" if part else kernel.__qualname__
 
 
 def reached(entry: Kernel, marked: Collection[Kernel]) -> list[Kernel]:
@@ -121,9 +126,9 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 def _frozen(kernel: Kernel) -> str:
     """What is compiled of a kernel: its code, and the values that it reads."""
     values = sorted((name, value) for name, value in _read(kernel).items() if not isinstance(value, dict))
-    codes = [(code.co_code.hex(), code.co_consts) for code in _codes(kernel.__code__)]
+    codes = [(code.co_code.hex(), code.co_names, code.co_consts) for code in _codes(kernel.__code__)]
     defaults = [kernel.__defaults__, kernel.__kwdefaults__]
-    return json.dumps([kernel.__qualname__, codes, defaults, values], default=_plain)
+    return json.dumps([kernel.__qualname__, codes, defaults, values], default=_plain, skipkeys=True)
 
 
 def _plain(value: Any) -> Any:

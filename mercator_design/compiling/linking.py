@@ -11,7 +11,7 @@ NOT_LINKED = "no kernel of this number is linked"
 
 
 class LinkTable:
-    """Addresses of kernels for compiled code; one of a symbol in a process."""
+    """Addresses of kernels for compiled code; there must be only one of each symbol in a process."""
 
     def __init__(self, symbol: str) -> None:
         import ctypes

@@ -14,7 +14,7 @@ import inspect
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, overload
 
@@ -92,6 +92,8 @@ def objective(
     """
 
     def enter(function: Score) -> Score:
+        if not is_ours(function):
+            _load_shipped()
         _enter(OBJECTIVES, function, "an objective")
         function.CHECKS = checks  # type: ignore[attr-defined]  # where schema.problems looks
         function.BY_ZONES = by_zones  # type: ignore[attr-defined]
@@ -107,14 +109,17 @@ def dynamic(*, change: Change) -> Callable[[Rows], Rows]:
         change: A kernel (see jit.py), marked `@jittable`: `change(floor, table, poses, time)` is called once in each
             control cycle, after the robots have moved and before they sense. It changes `floor.zones` in place. `table`
             holds the rows that the marked function returned for this instance, and is the kernel's to write in; `poses`
-            (robots, 3) are x, y [m], heading [rad]; `time` [s] has passed since the start. Colours that it paints must
-            be among the function's parameters, annotated `Colour`: robots know of no others. It returns nothing.
+            (robots, 3), only to read, are x, y [m], heading [rad]; `time` [s] has passed since the start. Colours that
+            it paints must be among the function's parameters, annotated `Colour`: robots know of no others. It returns
+            nothing.
 
     Raises:
         ValueError: as `objective`, and if the kernel is not marked or has other parameters.
     """
 
     def enter(function: Rows) -> Rows:
+        if not is_ours(function):
+            _load_shipped()
         if not jit.is_marked(change):
             raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
         given = inspect.signature(change).parameters.values()
@@ -128,6 +133,12 @@ def dynamic(*, change: Change) -> Callable[[Rows], Rows]:
         return function
 
     return enter
+
+
+def _load_shipped() -> None:
+    """Enter the objectives and dynamics of this package: their names are taken, and their kernels come first."""
+    for shipped in ("objectives", "dynamics"):
+        importlib.import_module(f"mercator_design.missions.{shipped}")
 
 
 def is_ours(function: Callable[..., Any]) -> bool:
@@ -168,34 +179,39 @@ def last_line(places: Iterable[tuple[str, int]]) -> str:
     found = found or [
         (by_name[file.name], line)
         for file, line in reached
-        if file.name in by_name and not file.is_relative_to(_PACKAGE)
+        if file.name in by_name and not file.is_relative_to(_PACKAGE) and "site-packages" not in file.parts
     ]
     return f"{found[-1][0]}:{found[-1][1]}: " if found else ""
 
 
 @contextlib.contextmanager
-def reporting_kernels() -> Iterator[None]:
-    """Turn errors of plugins' kernels into MissionErrors that name the line."""
+def reporting_kernels(dynamics: Collection[str]) -> Iterator[None]:
+    """Turn errors of these dynamics' kernels, if they are of plugins, into MissionErrors that name the line."""
     try:
         yield
     except jit.CompilationError as error:
-        place = last_line(error.places)
+        found = next((error.others[kernel] for kernel in _kernels(dynamics) if kernel in error.others), error)
+        place = last_line(found.places)
         if not place:  # then it is our fault
             raise
-        raise MissionError(f"{place}a kernel that cannot be compiled: {error}") from None
+        raise MissionError(f"{place}a kernel that cannot be compiled: {found}") from None
     except Exception as error:
-        place = line_of(error) or _kernels_of(error)
+        place = line_of(error) or _first_lines(error, _kernels(dynamics))
         if not place:  # of no plugin's kernel
             raise
         raise MissionError(f"{place}floor dynamic: {described(error)}") from error
 
 
-def _kernels_of(error: Exception) -> str:
+def _kernels(dynamics: Collection[str]) -> list[Change]:
+    return [CHANGES[_change_of[name]] for name in dynamics if name in _change_of]
+
+
+def _first_lines(error: Exception, kernels: Collection[Change]) -> str:
     """Where plugins' kernels begin, if one of them failed: of an index or a division, compiled code tells no line."""
     is_compiled = traceback.extract_tb(error.__traceback__)[-1].filename == jit.__file__
     if not (is_compiled and isinstance(error, (IndexError, ZeroDivisionError))):
         return ""
-    lines = [first_line(change) for change in CHANGES if not is_ours(change)]
+    lines = [first_line(kernel) for kernel in kernels if not is_ours(kernel)]
     if len(lines) < 2:
         return "".join(lines)
     return f"one of {', '.join(line.removesuffix(': ') for line in lines)}: "
@@ -262,8 +278,7 @@ def run_plugin(plugin: Plugin, label: str = "") -> None:
     """
     label = label or str(plugin.file)
     with _loading:
-        for shipped in ("objectives", "dynamics"):  # whose names are taken
-            importlib.import_module(f"mercator_design.missions.{shipped}")
+        _load_shipped()
         namesake = _loaded.get(plugin.name)
         if namesake is not None and namesake.digest == plugin.digest:
             return

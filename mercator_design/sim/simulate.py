@@ -62,7 +62,7 @@ class PreparedExperiment:
         """Run the loop; arguments and errors are those of `Simulator.run`."""
         instance = self.instance
         loop = referee_experiment if referee or not jit_wanted() else _compiled
-        with reporting_kernels():
+        with reporting_kernels([each.name for each in self.mission.floor.dynamics]):
             loop(instance.scene, instance.robot_model.reference_model, self.program, instance.swarm, self.history)
 
     def outcome(self) -> Outcome:

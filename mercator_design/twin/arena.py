@@ -86,6 +86,7 @@ class TwinArena:
             if self._space is None
             else functools.partial(compiled(move), self._space.bridge, scene, self._swarm)
         )
+        self._dynamics = [each.name for each in mission.floor.dynamics]
         self._start = self._swarm.poses[:, :3].copy()
         self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # a ring buffer
         self._latest.poses[:] = self._start
@@ -129,7 +130,7 @@ class TwinArena:
         self._ways += np.column_stack([ahead - aside, ahead + aside])
         self.ticks += 1
         if self.ticks % self.cycle == 0:
-            with reporting_kernels():
+            with reporting_kernels(self._dynamics):
                 compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
         self._measured = {TREADS: self._ways}
         self._is_scanned = False

@@ -416,19 +416,41 @@ class TestLoading:
         [
             ("floor.zones[row + 10 ** 9, 3] = 1.0", "IndexError: index "),
             ("table[len(table), 0] = 1.0", "IndexError: index "),
+            ("touch(table, len(table))", "IndexError: index "),
             ("floor.zones[row, 3] = 1.0 / (time - time)", "ZeroDivisionError: "),
             ("floor.zones[row, 3] = 7 // (row - row)", "ZeroDivisionError: "),
         ],
     )
     def test_an_index_and_a_division_are_checked_as_in_python(self, write, monkeypatch, body, message):
         text = SHRINK.replace("        if zone_contains(floor, row, poses[i, 0], poses[i, 1]):\n    ", "")
+        helper = "def touch(table, row):\n    table[row, 0] = 1.0\n\n\n@jittable\n"
+        text = text.replace("def shrink_zone", f"{helper}def shrink_zone")
         file = write(text.replace("floor.zones[row, 3] *= table[0, 1]", body))
         load_plugin(file)
+        load_plugin(write(SHRINK.replace("shrink_zone", "other_zone").replace("shrinking", "another"), "another.py"))
         simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
-        for line, plain in ((11, "0"), (15, "1")):  # compiled code does not tell more than where the kernel begins
+        # Of an index, compiled code only tells where the kernel begins.
+        for line, plain in ((16, "0"), (13 if "touch" in body else 20, "1")):
             monkeypatch.setenv("NUMBA_DISABLE_JIT", plain)
             with pytest.raises(MissionError, match=rf"^{file}:{line}: floor dynamic: {message}"):
                 simulator.run(EXPLORE, 1)
+
+    def test_each_mission_is_told_of_its_own_kernel(self, write):
+        for name in ("one", "two"):
+            text = SHRINK.replace("shrink_zone", f"{name}_zone").replace("shrinking", name)
+            load_plugin(write(text.replace("floor.zones[row, 3] *= table[0, 1]", f"no_{name}()"), f"{name}.py"))
+        for name in ("two", "one", "two"):
+            simulator = Simulator(load_mission("aggregation", [dynamic_of(name), "duration=1"]))
+            with pytest.raises(
+                MissionError, match=rf"/{name}.py:11: a kernel that cannot .* NameError: name 'no_{name}'"
+            ):
+                simulator.run(EXPLORE, 1)
+
+    def test_poses_are_only_to_read(self, write):
+        load_plugin(write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "poses[i, 0] = 0.0")))
+        simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
+        with pytest.raises(MissionError, match=r"my.py:16: a kernel that cannot be compiled: .*[Rr]eadonly"):
+            simulator.run(EXPLORE, 1)
 
     def test_a_mistake_in_what_a_kernel_calls_is_named(self, write, monkeypatch):
         monkeypatch.syspath_prepend(write("").parent)

@@ -27,7 +27,8 @@ _FLOOR = FloorTable(
     changes=np.zeros((0, 3), dtype=np.int64),
     numbers=_ROWS,
 )
-_change = open_dispatcher(CHANGES, like=(_FLOOR, _ROWS, _ROWS, 0.0))  # plugins add theirs
+_POSES = np.broadcast_to(_ROWS, _ROWS.shape)  # only to read
+_change = open_dispatcher(CHANGES, like=(_FLOOR, _ROWS, _POSES, 0.0))  # plugins add theirs
 
 
 @jittable

@@ -100,7 +100,7 @@ class _Added:
         return linking.LinkTable("mercator_design_added")
 
     def link(self) -> None:
-        """Compile those that are not compiled yet, and enter their addresses; before code that may call them."""
+        """Compile those that are not compiled yet, and enter their addresses; needed before code that may call them."""
         if self._functions[self._first :] == self._linked:
             return
         with self._linking:
@@ -115,7 +115,8 @@ class _Added:
         """Raise CompilationError if a function that could not be compiled may have been called."""
         if error.args == (linking.NOT_LINKED,):
             failed = {each: self._failed[each] for each in self._functions[self._first :] if each in self._failed}
-            for first in failed.values():
+            if failed:
+                first = next(iter(failed.values()))
                 raise CompilationError(str(first), first.places, failed) from None
 
     def _address(self, function: Callable[..., None]) -> int:
@@ -257,7 +258,7 @@ class _Entry:
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
             if "NRT required" in reason:
-                reason = "it makes an array, a list or a text, or raises an error with a value; a kernel cannot"
+                reason = "a kernel must not make arrays, lists or texts, or raise an error with a value"
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
             raise CompilationError(reason[:500], places or self._places) from error
         except BaseException:  # for example if the user interrupts it

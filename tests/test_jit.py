@@ -251,16 +251,18 @@ class TestPartsOfOtherKernels:
             sys.modules.pop(name)
         assert parts[0] == parts[2] != parts[1]
 
-    @pytest.mark.parametrize("value", ["0.5", "b'\\x05'", "1j", "Kind"])
-    def test_a_value_that_it_reads_or_has_by_default_counts(self, marked, value):
-        def part_of(default, enumerated):
-            names = {"Kind": enum.Enum("Kind", {"A": enumerated}), "default": eval(default)}  # noqa: S307 - our own
-            exec("def entry(x, given=default):\n    return given, Kind.A.value", names)  # noqa: S102 - our own
+    @pytest.mark.parametrize(
+        ("one", "other"),
+        [(0.25, 0.5), (b"\x05", b"\x06"), (1j, 2j), *[[enum.Enum("Kind", {"A": a}) for a in (0.3, 0.4)]]],
+    )
+    def test_a_value_that_it_reads_or_has_by_default_counts(self, marked, one, other):
+        def part_of(**names):
+            exec("def entry(x, given=default):\n    return given, value", names)  # noqa: S102 - our own
             return kernel_sources.foreign_part(names["entry"], jit.marked())
 
-        base = part_of("0.25", 0.3)
-        assert base == part_of("0.25", 0.3)
-        assert base != (part_of("0.25", 0.4) if value == "Kind" else part_of(value, 0.3))
+        parts = [part_of(default=default, value=value) for default in (one, other) for value in (one, other)]
+        assert len(set(parts)) == 4
+        assert parts[0] == part_of(default=one, value=one)
 
     def test_one_that_is_patched_in_counts(self, monkeypatch, marked):
         before = kernel_sources.foreign_part(kernel.begin_step, jit.marked())

@@ -92,8 +92,6 @@ def objective(
     """
 
     def enter(function: Score) -> Score:
-        if not is_ours(function):
-            _load_shipped()
         _enter(OBJECTIVES, function, "an objective")
         function.CHECKS = checks  # type: ignore[attr-defined]  # where schema.problems looks
         function.BY_ZONES = by_zones  # type: ignore[attr-defined]
@@ -118,8 +116,6 @@ def dynamic(*, change: Change) -> Callable[[Rows], Rows]:
     """
 
     def enter(function: Rows) -> Rows:
-        if not is_ours(function):
-            _load_shipped()
         if not jit.is_marked(change):
             raise ValueError(f"{function.__name__}: its change {change.__name__} is not marked @jittable")
         given = inspect.signature(change).parameters.values()
@@ -223,6 +219,8 @@ def change_of(name: str) -> int:
 
 
 def _enter(registry: dict[str, Callable[..., Any]], function: Callable[..., Any], what: str) -> None:
+    if not is_ours(function):
+        _load_shipped()
     name = function.__name__
     first, *others = inspect.signature(function).parameters.values()
     for parameter in others:

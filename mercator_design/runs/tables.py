@@ -55,7 +55,8 @@ def configurations_table(path: Path) -> "pd.DataFrame":
 
     Columns: first_iteration, experiments, failed (how many of these), mean, standard_deviation (of the scores); if
     there were tests, tests (how many had a score), test_mean, test_low and test_high (the confidence interval of the
-    mean at 95 %); parent (the elite it was sampled from), and what the task has of them: the fsm of a mission.
+    mean at 95 %); parent (the elite it was sampled from), and what the task has of them: the fsm of a mission, the
+    parameters of a program (`mean (parameter)` if one is called `mean`).
 
     Raises:
         RaceError: if there is no journal, or it is corrupt.
@@ -83,10 +84,8 @@ def _configurations(record: Record) -> "pd.DataFrame":
     import pandas as pd
 
     names, rows = configuration_rows(record)
-    n_own = 1 + names.index("parent")  # a parameter of a program may have the name of one of these
     columns = [
-        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES[name] if k < n_own else object)
-        for k, name in enumerate(names)
+        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES.get(name, object)) for k, name in enumerate(names)
     ]
     numbers, *others = columns
     return pd.concat(others, axis=1).set_index(numbers)
@@ -106,7 +105,9 @@ def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
     task.check(record.start, configurations)
     columns = task.columns(record.start, configurations)
     tests = record.test_scores()
-    names = [*_OWN, *(_OF_TESTS if tests else ()), "parent", *columns]
+    # A parameter of a program may have the name of another column.
+    others = [f"{name} (parameter)" if name in _DTYPES else name for name in columns]
+    names = [*_OWN, *(_OF_TESTS if tests else ()), "parent", *others]
     rows: list[list[Any]] = []
     for k, number in enumerate(numbers):
         own = experiments[number]

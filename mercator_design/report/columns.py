@@ -18,6 +18,16 @@ def aligned(rows: Sequence[Sequence[object]]) -> list[str]:
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in texts]
 
 
+def narrowed(rows: Sequence[Sequence[object]], dispensable: Sequence[str], width: int | None) -> list[str]:
+    """As `aligned`; while a line is wider than a width, dispensable columns are left out, by their names in row 0."""
+    lines = aligned(rows)
+    for name in dispensable:
+        if width is not None and max(map(len, lines)) > width:
+            rows = list(zip(*(column for column in zip(*rows, strict=True) if column[0] != name), strict=True))
+            lines = aligned(rows)
+    return lines
+
+
 def difference(ours: Sequence[float], theirs: Sequence[float] | None = None) -> str:
     """The mean difference of scores on the same instances, with half of its confidence interval.
 

@@ -1,7 +1,7 @@
 """Reports on races from their journals: a table of all, or a page on one."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -11,7 +11,7 @@ from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.events import SessionStarted, SessionStopped
 from mercator_design.race.running.journal import Reading, is_locked
 from mercator_design.race.running.record import Record
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import aligned, narrowed
 from mercator_design.report.iterations import best_line, incumbents, iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
 from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
@@ -31,20 +31,10 @@ def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
         RaceError: if there is no such folder.
     """
     found = _runs(folder)
-    columns = list(_COLUMNS)
-    lines = _table(found, columns)
-    for name in _DISPENSABLE:
-        if width is None or max(map(len, lines)) <= width:
-            break
-        columns.remove(name)
-        lines = _table(found, columns)
+    head = ["mean" if name == "score" else name for name in _COLUMNS]
+    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in _COLUMNS] for run in found]
     wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
-    return "\n".join(lines), [note for run in wrong for note in run["notes"]]
-
-
-def _table(runs: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> list[str]:
-    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in columns] for run in runs]
-    return aligned([["mean" if name == "score" else name for name in columns], *rows])
+    return "\n".join(narrowed([head, *rows], _DISPENSABLE, width)), [note for run in wrong for note in run["notes"]]
 
 
 def runs_json(folder: Path) -> str:

@@ -9,7 +9,7 @@ import click
 from mercator_design.cli.options import JSON
 from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import print_message, print_result
-from mercator_design.report.columns import aligned
+from mercator_design.report.columns import narrowed
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, STATES
 
@@ -63,14 +63,8 @@ def _table(found: list[dict[str, Any]], width: int | None) -> str:
         for one in found
     ]
     columns = [name for name in rows[0] if any(row[name] is not None for row in rows)]
-
-    def lines() -> list[str]:
-        return aligned([columns, *([row[name] for name in columns] for row in rows)])
-
-    for name in _DISPENSABLE:
-        if width is not None and name in columns and max(map(len, lines())) > width:
-            columns.remove(name)
-    return "\n".join(lines())
+    table = [columns, *([row[name] for name in columns] for row in rows)]
+    return "\n".join(narrowed(table, _DISPENSABLE, width))
 
 
 def _send(server: str, method: str, job: str, after: str = "", **given: Any) -> Any:  # noqa: ANN401 - JSON

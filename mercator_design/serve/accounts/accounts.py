@@ -9,21 +9,21 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from mercator_design.errors import MercatorError
 from mercator_design.serve.accounts import audit, sessions
 from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.audit import Audit
+from mercator_design.serve.accounts.refusals import Refusal
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.accounts.users import Holder, Users
 from mercator_design.serve.settings import SERVICE
 
 
-class TooManyFailures(MercatorError):  # noqa: N818 - an answer
-    """An address has failed to log in too often; `seconds` until it may try again."""
+class TooManyFailures(Refusal):
+    """An address has failed to log in too often: it has to wait."""
 
     def __init__(self, seconds: float) -> None:
-        super().__init__("too many failed attempts to log in from this address: wait a minute")
-        self.seconds = seconds
+        wrong = "too many failed attempts to log in from this address: wait a minute"
+        super().__init__(429, "Too many attempts", wrong, {"Retry-After": str(int(seconds) + 1)})
 
 
 class Accounts:

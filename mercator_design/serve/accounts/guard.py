@@ -17,7 +17,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mercator_design.serve.accounts import refusals
-from mercator_design.serve.accounts.accounts import Accounts, TooManyFailures
+from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.refusals import SAFE, Gone, Refusal
 from mercator_design.serve.accounts.users import LOCAL, Holder, User
@@ -164,10 +164,7 @@ class Guard:
             given = headers.getlist("authorization")
             scheme, _, token = given[0].partition(" ")
             if len(given) == 1 and scheme.lower() == "bearer":
-                try:
-                    visit.holder = await accounts.holder_of_token(token.strip(), address_of(scope))
-                except TooManyFailures as error:
-                    raise _too_many(error) from None
+                visit.holder = await accounts.holder_of_token(token.strip(), address_of(scope))
             visit.has_failed = visit.holder is None
             if visit.has_failed and visit.path not in (LOGIN, *self._openings.assets):
                 raise self._unknown(visit)
@@ -181,10 +178,7 @@ class Guard:
     def _unknown(self, visit: "_Visit") -> Refusal:
         """The refusal of who is not logged in; an attempt to change something counts as failed."""
         if visit.method not in SAFE and not visit.has_failed:
-            try:
-                self._accounts.check_attempts(address_of(visit.scope))
-            except TooManyFailures as failures:
-                return _too_many(failures)
+            self._accounts.check_attempts(address_of(visit.scope))
             self._accounts.attempts.count(address_of(visit.scope))
         error = "expected the token of a user: Authorization: Bearer md_...; or a session: log in at /login"
         if visit.has_bearer:
@@ -316,7 +310,3 @@ class _Visit:
         else:
             self.is_complete = not message.get("more_body", False)
         await self._send(message)
-
-
-def _too_many(error: TooManyFailures) -> Refusal:
-    return Refusal(429, "Too many attempts", error.messages[0], {"Retry-After": str(int(error.seconds) + 1)})

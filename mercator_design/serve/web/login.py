@@ -36,8 +36,8 @@ async def log_in(request: Request, service: TheService) -> Response:
     try:
         holder = await accounts.holder_of_token(token.strip(), address_of(scope))
     except TooManyFailures as error:
-        headers = {"Retry-After": str(int(error.seconds) + 1)}
-        return login_page(target, "Too many attempts have failed. Wait a minute.", status=429, headers=headers)
+        wrong = "Too many attempts have failed. Wait a minute."
+        return login_page(target, wrong, status=error.status, headers=error.headers)
     if holder is None:
         return login_page(target, _WRONG, status=401)
     request.state.user = holder.user

@@ -9,7 +9,7 @@ from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
-from mercator_design.view.charts import Line
+from mercator_design.view.charts import Line, number
 
 FEW = 4
 """Scores whose interval a chart shows, at least."""
@@ -71,7 +71,7 @@ def iterations_table(record: Record) -> list[str]:
     last column is the mean difference to the best of the iteration before, on the instances that both have seen by
     then, with its confidence interval.
     """
-    rows: list[tuple[object, ...]] = [_HEAD, *map(_row, incumbents(record))]
+    rows: list[tuple[object, ...]] = [_HEAD, *((*iteration_cells(one), _difference(one)) for one in incumbents(record))]
     if len(rows) > 1 + _FIRST + _LAST:
         rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
@@ -90,11 +90,11 @@ def iteration_notes(record: Record) -> list[str]:
     return [f"Note       iteration {one.iteration}: {one.note}" for one in record.ended if one.note]
 
 
-def _row(incumbent: Incumbent) -> tuple[object, ...]:
+def iteration_cells(incumbent: Incumbent) -> tuple[object, ...]:
+    """An iteration in a table: its name, its counts, its best, and the best's mean and number of scores."""
     ended, own = incumbent.ended, Scores(tuple(incumbent.scores.values()))
-    mean = f"{own.mean:.4g}" if own.values else ""
     numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, ended.elites[0])
-    return (iteration_name(ended), *numbers, mean, len(own.values), _difference(incumbent))
+    return (iteration_name(ended), *numbers, number(own.mean) if own.values else None, len(own.values))
 
 
 def iteration_name(ended: IterationEnded) -> str:

@@ -6,10 +6,10 @@ from collections import Counter
 from mercator_design.analysis.pruning import module_counts
 from mercator_design.race.analysis.convergence import first_iterations, spreads
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
-from mercator_design.report.iterations import FEW, Incumbent, best_line, incumbents, iteration_name
+from mercator_design.report.iterations import FEW, Incumbent, best_line, incumbents, iteration_cells, iteration_name
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
-from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, line_chart, number, parallel_chart
+from mercator_design.view.charts import Axis, Bars, Line, Thread, bar_chart, line_chart, parallel_chart
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
@@ -147,9 +147,4 @@ def _place(axis: Axis, value: object) -> float:
 
 def _table(found: list[Incumbent]) -> Html:
     head = ("iteration", "planned", "used", "raced", "instances", "alive", "best", "mean", "n")
-    rows = []
-    for one in found:
-        ended, own = one.ended, Scores(tuple(one.scores.values()))
-        counts = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, ended.elites[0])
-        rows.append((iteration_name(ended), *counts, number(own.mean) if own.values else None, len(own.values)))
-    return table(head, rows, name="iterations")
+    return table(head, map(iteration_cells, found), name="iterations")

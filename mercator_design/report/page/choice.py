@@ -29,22 +29,13 @@ def choice(facts: Facts, proof: Proof | None, without: str) -> Html:
 def verdict(facts: Facts, proof: Proof) -> str:
     """What the proof says, in a sentence or two."""
     simple = [one.name for one in proof.contestants if one.name.endswith(ALONE)]
-    better: list[str] = []
-    alike: list[str] = []
-    worse: list[str] = []
+    better, alike, worse = "significantly better than", "not distinguishable from", "significantly worse than"
+    groups: dict[str, list[str]] = {better: [], alike: [], worse: []}
     sign = 1.0 if facts.task is None or facts.task.maximise else -1.0
     for pair in proof.pairs():
-        group = alike if pair.p_value >= ALPHA else better if sign * pair.differences.mean > 0 else worse
-        group.append(pair.second)
-    parts = [
-        f"it is {how} {_listed(group, simple)}"
-        for how, group in (
-            ("significantly better than", better),
-            ("not distinguishable from", alike),
-            ("significantly worse than", worse),
-        )
-        if group
-    ]
+        how = alike if pair.p_value >= ALPHA else better if sign * pair.differences.mean > 0 else worse
+        groups[how].append(pair.second)
+    parts = [f"it is {how} {_listed(group, simple)}" for how, group in groups.items() if group]
     if not parts:
         return "A single fresh instance is too few to compare the winner with others."
     return f"The winner on {len(proof.seeds)} fresh instances: {'; '.join(parts)}."

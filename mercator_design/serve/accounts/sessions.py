@@ -1,6 +1,5 @@
 """The sessions of browsers: each begins with a token, and ends with it. The file has hashes of their secrets."""
 
-import hashlib
 import secrets
 import sqlite3
 import threading
@@ -8,6 +7,7 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from mercator_design.serve.accounts.users import digest
 from mercator_design.serve.database import database
 
 FILE = "sessions.sqlite"
@@ -43,7 +43,7 @@ class Sessions:
         ends = min(until, self._now() + timedelta(days=DAYS))
         with self._lock:
             self._db.execute("DELETE FROM sessions WHERE ends <= ?", [self._now().timestamp()])
-            self._db.execute("INSERT INTO sessions VALUES (?, ?, ?)", [_hash(secret), token, ends.timestamp()])
+            self._db.execute("INSERT INTO sessions VALUES (?, ?, ?)", [digest(secret), token, ends.timestamp()])
             self._db.execute(
                 "DELETE FROM sessions WHERE token = ? AND hash NOT IN "
                 "(SELECT hash FROM sessions WHERE token = ? ORDER BY ends DESC, rowid DESC LIMIT ?)",
@@ -59,7 +59,7 @@ class Sessions:
         """
         with self._lock:
             found = self._db.execute(
-                "SELECT token FROM sessions WHERE hash = ? AND ends > ?", [_hash(secret), self._now().timestamp()]
+                "SELECT token FROM sessions WHERE hash = ? AND ends > ?", [digest(secret), self._now().timestamp()]
             ).fetchone()
         return None if found is None else str(found[0])
 
@@ -70,14 +70,10 @@ class Sessions:
             sqlite3.Error: It cannot be written.
         """
         with self._lock:
-            self._db.execute("DELETE FROM sessions WHERE hash = ?", [_hash(secret)])
+            self._db.execute("DELETE FROM sessions WHERE hash = ?", [digest(secret)])
 
 
 def _prepare(db: sqlite3.Connection) -> None:
     db.execute("PRAGMA secure_delete=ON")
     db.execute("CREATE TABLE IF NOT EXISTS sessions (hash TEXT PRIMARY KEY, token TEXT, ends REAL)")
     db.execute("SELECT hash, token, ends FROM sessions LIMIT 1").fetchone()
-
-
-def _hash(secret: str) -> str:
-    return hashlib.sha256(secret.encode(errors="surrogatepass")).hexdigest()

@@ -138,7 +138,7 @@ class Users:
     def __init__(self, data: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         self.file, self._now = data / SERVICE / FILE, now
         self._reading = _Reading()
-        self._verified: dict[bytes, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
+        self._verified: dict[str, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
 
     def accounts(self) -> tuple[Account, ...]:
         """All users; none if there is no file."""
@@ -158,7 +158,7 @@ class Users:
 
     def verified(self, text: str) -> Holder | None:
         """Whose token this is, if `verify` has found that before; without the time that scrypt takes."""
-        identity, hashed = self._verified.get(_quick(text), ("", ""))
+        identity, hashed = self._verified.get(digest(text), ("", ""))
         found = self._read().tokens.get(identity)
         return self.holder(identity) if found is not None and found[1].hash == hashed else None
 
@@ -175,7 +175,7 @@ class Users:
         if holder is not None:
             while len(self._verified) >= _CACHED:
                 self._verified.pop(next(iter(self._verified)), None)
-            self._verified[_quick(text)] = identity, token.hash
+            self._verified[digest(text)] = identity, token.hash
         return holder
 
     def add(self, name: str, *, is_admin: bool = False, days: float = DAYS) -> str:
@@ -292,8 +292,9 @@ def _hash(secret: str, salt: str) -> str:
     return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=_COST, r=8, p=1, dklen=32).hex()
 
 
-def _quick(text: str) -> bytes:
-    return hashlib.sha256(text.encode(errors="surrogatepass")).digest()
+def digest(secret: str) -> str:
+    """The SHA-256 of a secret that is too long to guess."""
+    return hashlib.sha256(secret.encode(errors="surrogatepass")).hexdigest()
 
 
 def _random(length: int) -> str:

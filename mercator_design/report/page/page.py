@@ -79,8 +79,8 @@ def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool 
     body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
     links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
     head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
-    styles = [*([viewer_style()] if viewer else []), STYLE, page_style()]
-    scripts = [*([viewer_script()] if viewer else []), page_script(), *([_asset("follow.js")] if follows else [])]
+    styles = [*([viewer_style()] if viewer else []), STYLE, asset("page.css")]
+    scripts = [*([viewer_script()] if viewer else []), asset("page.js"), *([asset("follow.js")] if follows else [])]
     policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
     whole = f'<header class="top"><h1><bdi>{escaped(title)}</bdi></h1>{head}</header>\n<main>{body}</main>'
     return document(f"{title}: report of a race", "".join(styles), whole, "\n".join(scripts), policy=policy)
@@ -95,15 +95,6 @@ def _state(facts: Facts) -> str:
     )
 
 
-def page_style() -> str:
-    """The style of the page."""
-    return _asset("page.css")
-
-
-def page_script() -> str:
-    """The script of the page: copying, and replays."""
-    return _asset("page.js")
-
-
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """A file of the page: its style, page.css; its scripts, page.js for copying and replays, and follow.js."""
     return files(__package__).joinpath(name).read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from fastapi import APIRouter, Response
 
-from mercator_design.report.page.page import page_script, page_style
+from mercator_design.report.page.page import asset as page_asset
 from mercator_design.serve.http.problems import Missing
 from mercator_design.view.charts import STYLE
 from mercator_design.view.page import viewer_script, viewer_style
@@ -21,9 +21,9 @@ _FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 _MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
     "viewer.js": viewer_script,
     "viewer.css": viewer_style,
-    "page.js": page_script,
+    "page.js": lambda: page_asset("page.js"),
     "charts.css": lambda: STYLE,
-    "report.css": page_style,
+    "report.css": lambda: page_asset("page.css"),
 })  # fmt: skip
 """Assets that other packages make."""
 

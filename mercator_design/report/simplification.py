@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from mercator_design.analysis.simplification import ALPHA, Simplification, counts
-from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.report.columns import aligned, difference
@@ -26,6 +25,7 @@ def simplification_page(found: Simplification, score: Callable[[float], float]) 
         cells = (number, step.words, f"{Scores(tuple(scores)).mean:.4g}", difference(scores, before))
         rows.append((*cells, f"{step.p_value:.2g}", verdict))
     states, transitions = counts(found)
+    edges = sum(len(state.transitions) for state in found.pfsm.states)
     n = len(found.costs)
     return "\n".join(
         [
@@ -36,15 +36,11 @@ def simplification_page(found: Simplification, score: Callable[[float], float]) 
             "",
             *aligned(rows),
             "",
-            f"Removed: {states} of {len(found.pfsm.states)} states, {transitions} of {_edges(found.pfsm)} transitions.",
+            f"Removed: {states} of {len(found.pfsm.states)} states, {transitions} of {edges} transitions.",
             to_text(found.simpler),
             "",
         ]
     )
-
-
-def _edges(pfsm: Pfsm) -> int:
-    return sum(len(state.transitions) for state in pfsm.states)
 
 
 def evidence(found: Simplification, score: Callable[[float], float], *, mission: str, seed: int) -> dict[str, str]:

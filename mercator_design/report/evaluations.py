@@ -58,10 +58,9 @@ class Comparison:
         self.best = costs.index(min(costs))
         self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
         self.p_values = {
-            other: pair.p_value
+            pair.second if pair.first == self.best else pair.first: pair.p_value
             for pair in self.pairs
-            for own, other in ((pair.first, pair.second), (pair.second, pair.first))
-            if own == self.best
+            if self.best in (pair.first, pair.second)
         }
 
     def equals(self) -> list[str]:

@@ -6,12 +6,12 @@ from threading import Thread
 
 import click
 
-from mercator_design.cli.options import FOLDER
 from mercator_design.command import FILE, print_message
 from mercator_design.errors import MercatorError
 from mercator_design.serve.accounts.entrance import Entrance, check_certificate
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
+from mercator_design.serve.cli.users import data_of
 from mercator_design.serve.desk.missions import warm_up
 from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
@@ -24,13 +24,7 @@ _COMPILING = 1800.0
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True, help="Port; 0: a free one.")
-@click.option(
-    "--data",
-    type=FOLDER,
-    default=Path("runs"),
-    show_default=True,
-    help="Data folder. It has a run folder for each job; run folders that are there already are shown.",
-)
+@data_of("Data folder. It has a run folder for each job; run folders that are there already are shown.")
 @click.option("--certificate", type=FILE, metavar="FILE", help="Certificate for TLS (PEM), with its chain.")
 @click.option("--key", type=FILE, metavar="FILE", help="Key of the certificate (PEM).")
 @click.option(

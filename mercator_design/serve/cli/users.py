@@ -1,6 +1,7 @@
 """mdesign users: who may use the design service."""
 
 import os
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,13 +15,13 @@ from mercator_design.serve.accounts.users import DAYS, Account, Users, id_of
 from mercator_design.serve.settings import SERVICE, ServiceError
 from mercator_design.system.files import writing
 
-_DATA = click.option(
-    "--data",
-    type=FOLDER,
-    default=Path("runs"),
-    show_default=True,
-    help="Data folder of the service, as of mdesign serve.",
-)
+
+def data_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --data, with a help text."""
+    return click.option("--data", type=FOLDER, default=Path("runs"), show_default=True, help=text)
+
+
+_DATA = data_of("Data folder of the service, as of mdesign serve.")
 _DAYS = click.option(
     "--days", type=click.IntRange(1, 3650), default=DAYS, show_default=True, help="Days until the token expires."
 )

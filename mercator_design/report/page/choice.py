@@ -63,13 +63,12 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
 
 
 def _matrix(facts: Facts) -> Html:
-    instances = sorted({instance for one in facts.elites for instance in facts.scores.get(one, {})})[-_MAX_COLUMNS:]
+    scores = [facts.scores.get(one, {}) for one in facts.elites]
+    instances = sorted({instance for known in scores for instance in known})[-_MAX_COLUMNS:]
     if not instances:
         return Html()
-    values = [[facts.scores.get(one, {}).get(instance, math.nan) for instance in instances] for one in facts.elites]
-    means = [
-        Scores(tuple(facts.scores[one].values())).mean if one in facts.scores else math.nan for one in facts.elites
-    ]
+    values = [[known.get(instance, math.nan) for instance in instances] for known in scores]
+    means = [Scores(tuple(known.values())).mean if known else math.nan for known in scores]
     names = [f"{facts.called(one)}, mean {number(mean)}" for one, mean in zip(facts.elites, means, strict=True)]
     chart = heat_map(values, names, list(map(str, instances)), Axis("instance of the race"), Axis(facts.score_name))
     caption = "The elites' scores on the instances of the race, the winner first; a blank was not run."

@@ -10,7 +10,6 @@ from mercator_design.errors import RaceError, printable
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.race.running.events import SessionStarted, SessionStopped
 from mercator_design.race.running.journal import Reading, is_locked
-from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, narrowed
 from mercator_design.report.iterations import best_line, incumbents, iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
@@ -211,7 +210,12 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
     """What a table of races says of one: see `_KEYS`."""
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
-    is_running, (missing, warnings) = is_locked(path / JOURNAL), _warnings(path, record)
+    is_running, missing = is_locked(path / JOURNAL), ""
+    try:
+        missing = wrong_end(path, record)
+        notes = [missing] if missing else []
+    except RaceError as error:
+        notes = [*error.messages]
     if is_running:
         run["state"] = "running"
     elif missing:
@@ -220,7 +224,7 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         run["state"] = "finished"
     else:
         run["state"] = "stopped"
-    run["notes"] = [] if is_running else [missing] * bool(missing) + warnings
+    run["notes"] = [] if is_running else notes
     if record.start:
         run |= {name: record.start[name] for name in ("name", "method", "seed")}
         run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
@@ -232,14 +236,6 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         if tests := record.test_scores().get(winner):
             run["tested"] = fmean(tests)
     return run
-
-
-def _warnings(path: Path, record: Record) -> tuple[str, list[str]]:
-    """A warning that the end of a valid journal is missing, and warnings on its folder."""
-    try:
-        return wrong_end(path, record), []
-    except RaceError as error:
-        return "", [*error.messages]
 
 
 def _session(session: SessionStarted | SessionStopped) -> str:

@@ -6,10 +6,11 @@ import click
 
 from mercator_design.cli.options import PROGRESS
 from mercator_design.command import print_message, print_result
+from mercator_design.errors import MercatorError
 from mercator_design.report.progress import Mode
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.client import follow as following
-from mercator_design.serve.client.follow import STATE, JobFailed, Told, result
+from mercator_design.serve.client.follow import STATE, Told, result
 
 
 @click.command(epilog=EPILOG)
@@ -32,6 +33,6 @@ def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
     with connected(server) as connection:
         job_at_end = following.follow(connection, job, progress, announce=print_message, each=each)
         if job_at_end.get("state") != "succeeded":
-            raise JobFailed(result(job_at_end))
+            raise MercatorError(result(job_at_end))
         print_message(result(job_at_end))
         print_message(f"Its files: mdesign fetch {job}; its page: {connection.page(job)}")

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import httpx
 from httpx_sse import EventSource, SSEError
 
-from mercator_design.errors import MercatorError, RaceError, excerpt
+from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.racing.summary import Progress
 from mercator_design.race.running.events import event_of
 from mercator_design.race.running.standing import Standing
@@ -149,7 +149,3 @@ def result(job: dict[str, Any]) -> str:
     tested = job.get("tested")
     score += f", tested {tested:.4g}" if isinstance(tested, float | int) and math.isfinite(tested) else ""
     return f"{job.get('id')}: {_words(job)}, {job.get('experiments')} of {job.get('budget')} experiments{score}"
-
-
-class JobFailed(MercatorError):  # noqa: N818 - says what has happened
-    """A job that was followed has not succeeded."""

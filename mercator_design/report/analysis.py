@@ -107,12 +107,9 @@ def ablation_page(ablation: Ablation, width: int | None = None) -> str:
 
 def _what_suffices(ablation: Ablation) -> list[str]:
     """The last step before one that is significantly worse than the start."""
-    mean = fmean(ablation.steps[0].costs)
-    last = 0
-    for step in ablation.steps[1:]:
-        if step.p_value < ALPHA and fmean(step.costs) > mean:
-            break
-        last += 1
+    steps, mean = ablation.steps, fmean(ablation.steps[0].costs)
+    worse = (number for number, step in enumerate(steps) if step.p_value < ALPHA and fmean(step.costs) > mean)
+    last = next(worse, len(steps)) - 1
     columns = ablation.task.columns(ablation.task.start(), [ablation.configurations[last]])
     return [
         "",

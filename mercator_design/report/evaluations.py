@@ -145,7 +145,8 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
         lines += ["p: paired t-test" if n == 1 else f"p: paired t-tests of {n} pairs, with Holm's correction"]
     if best.stats is not None:
         header, *cells = _stats_rows(found.of)
-        lines += ["", *aligned([header, *([_short(cell) for cell in row] for row in cells)])]
+        shown = [[f"{cell:.3g}" if isinstance(cell, float) else cell for cell in row] for row in cells]
+        lines += ["", *aligned([header, *shown])]
     return "\n".join(map(printable, lines))
 
 
@@ -230,10 +231,6 @@ def _stats_rows(of: Sequence[Evaluated]) -> list[list[object]]:
         shares = [*stats.states, *[None] * (n_states - len(stats.states)), *stats.ground.values()]
         rows.append([one.label, *shares, stats.transitions, stats.neighbours, stats.obstacles, stats.speed])
     return rows
-
-
-def _short(cell: object) -> object:
-    return f"{cell:.3g}" if isinstance(cell, float) else cell
 
 
 def _p_text(p: float) -> str:

@@ -51,7 +51,7 @@ class _Raced:
         return -score if self.maximise else score
 
     def score(self, cost: float) -> float:
-        return -cost if self.maximise else cost
+        return 0.0 - cost if self.maximise else cost
 
 
 def events_of(

@@ -2,9 +2,10 @@
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 from mercator_design.config import shipped
-from mercator_design.missions.mission import load_mission
+from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.sim.robot_model import load_robot_model
 
 _GAP = "  "
@@ -41,19 +42,20 @@ def missions_json() -> str:
     return json.dumps([facts | {"file": str(files[name])} for name, facts in missions_facts().items()], indent=2)
 
 
-def missions_facts() -> dict[str, dict[str, str | float]]:
-    """Name -> what `missions_table` shows, and source and robot model."""
-    found: dict[str, dict[str, str | float]] = {}
-    for name in shipped.missions():
-        mission = load_mission(name)
-        found[name] = {
-            "name": mission.name,
-            "description": mission.description,
-            "source": mission.source,
-            "robots": mission.robots,
-            "duration": mission.duration,
-            "robot_model": mission.robot_model,
-            "objective": mission.objective.name,
-            "direction": mission.objective.direction,
-        }
-    return found
+def missions_facts() -> dict[str, dict[str, Any]]:
+    """Name -> facts of the shipped missions."""
+    return {name: facts_of(load_mission(name)) for name in shipped.missions()}
+
+
+def facts_of(mission: Mission) -> dict[str, Any]:
+    """What `missions_table` shows of a mission, and its source and robot model."""
+    return {
+        "name": mission.name,
+        "description": mission.description,
+        "source": mission.source,
+        "robots": mission.robots,
+        "duration": mission.duration,
+        "robot_model": mission.robot_model,
+        "objective": mission.objective.name,
+        "direction": mission.objective.direction,
+    }

@@ -8,6 +8,7 @@ from mercator_design.config.json_schema import json_schema
 from mercator_design.config.writing import dump
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.report.missions import facts_of
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
 from mercator_design.serve.desk.sources import MissionSource, text_without_files
 from mercator_design.serve.jobs.job import Request
@@ -101,7 +102,12 @@ def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview
     return MissionReview(
         errors=tuple(findings(errors, label, text)),
         warnings=tuple(findings(_warnings(simulator, flavour), label, text)),
-        facts=_facts(mission, dead_conditions(mission, simulator.robot_model, flavour)),
+        facts=MissionFacts(
+            **facts_of(mission),
+            digest=mission.digest,
+            control_period=mission.control_period,
+            never_fires=tuple(dead_conditions(mission, simulator.robot_model, flavour)),
+        ),
     )
 
 
@@ -147,19 +153,3 @@ def _warnings(simulator: Simulator, flavour: str) -> list[str]:
     """The warnings on a mission, but those for which it is refused."""
     found = [one.message for one in simulator.warnings if not one.is_impossible]
     return [*found, *no_effect_warnings(simulator.mission, simulator.robot_model, flavour)]
-
-
-def _facts(mission: Mission, never_fires: list[str]) -> MissionFacts:
-    return MissionFacts(
-        name=mission.name,
-        description=mission.description,
-        source=mission.source,
-        digest=mission.digest,
-        robots=mission.robots,
-        robot_model=mission.robot_model,
-        duration=mission.duration,
-        control_period=mission.control_period,
-        objective=mission.objective.name,
-        direction=mission.objective.direction,
-        never_fires=tuple(never_fires),
-    )

@@ -94,16 +94,10 @@ def best_of(job: FsmSource, mission: MissionSource, limits: Limits) -> dict[str,
     return {**facts, "fsm": {"valid": True, "errors": [], **forms(leader.fsm, Simulator(mission.read(limits)))}}
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Scores of some experiments of an evaluation, and the time they took [s]."""
-
-    scores: tuple[float, ...]
-    seconds: float
-
-
-def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float) -> Part:
+def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float) -> tuple[tuple[float, ...], float]:
     """Run the next experiments of an evaluation: all FSMs on the first instance, then on the second, ...
+
+    Return their scores, and the time they took [s].
 
     Args:
         machines: The FSMs and the mission.
@@ -123,7 +117,7 @@ def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float
         scores.append(simulator.run(fsms[place].pfsm, seeds[instance]).score)
         if time.monotonic() - begin > seconds:
             break
-    return Part(tuple(scores), time.monotonic() - begin)
+    return tuple(scores), time.monotonic() - begin
 
 
 def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequence[float]) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswe
     new = service.desk.run(new_design, machines)
     seeds = fresh_instances(TEST_SEED, _RUNS)
     try:
-        scores = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds).scores
+        scores, _ = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds)
     except TooMuchWork:  # one experiment is too much: the score is not known
         scores = ()
     design = Design(

@@ -58,8 +58,8 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
         if await request.is_disconnected():
             raise NotPossible("nobody waits for this any more")
-        part = await run_in_threadpool(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
-        scores, spent = [*scores, *part.scores], spent + part.seconds
+        part, taken = await run_in_threadpool(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
+        scores, spent = [*scores, *part], spent + taken
         if (expected := spent * total / len(scores)) > _WHOLE * seconds:
             raise TooMuchWork(
                 f"{total} experiments would take about {expected:.0f} s; the service allows {_WHOLE * seconds:.0f} s: "

@@ -74,14 +74,14 @@ def job_source(service: Service, row: Row, name: str = "") -> FsmSource:
     return FsmSource(name=name or row.id, folder=run_folder(service, row))
 
 
-def fsms_given(service: Service, user: User, bodies: Sequence[FsmBody]) -> tuple[FsmSource, ...]:
-    """The FSMs that a request names, with different names.
+def machines_given(service: Service, user: User, mission: MissionBody, fsms: Sequence[FsmBody]) -> Machines:
+    """The FSMs that a request names, with different names, and the mission.
 
     Raises:
         Missing: The user may not see a job or design.
     """
     found = list[FsmSource]()
-    for k, body in enumerate(bodies):
+    for k, body in enumerate(fsms):
         name = body.name or body.job or body.design or f"FSM {k + 1}"
         taken = {one.name for one in found}
         name = next(one for one in (name, *(f"{name} ({n})" for n in range(2, k + 3))) if one not in taken)
@@ -92,13 +92,7 @@ def fsms_given(service: Service, user: User, bodies: Sequence[FsmBody]) -> tuple
         else:
             text = service.designs.text(visible_design(service, user, body.design).id, FSM)
             found.append(FsmSource(name=name, text=text))
-    return tuple(found)
-
-
-def machines_given(service: Service, user: User, mission: MissionBody, fsms: Sequence[FsmBody]) -> Machines:
-    """The FSMs and the mission that a request names."""
-    found = fsms_given(service, user, fsms)
-    return Machines(fsms=found, mission=mission_given(service, user, mission), limits=service.settings.limits)
+    return Machines(fsms=tuple(found), mission=mission_given(service, user, mission), limits=service.settings.limits)
 
 
 def fsm_text(fsm: str | StructuredFsm) -> str:

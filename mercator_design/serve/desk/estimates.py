@@ -42,12 +42,12 @@ class Cost:
     seconds: tuple[float, float]
 
 
-def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> Cost:
+def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int) -> Cost:
     """The computing time of the race of a job.
 
     Args:
         request: What the job is to do.
-        text: The text of its mission; None: the shipped one.
+        source: Its mission.
         limits: Of the service.
         cores: Experiments that run at the same time.
 
@@ -56,7 +56,6 @@ def cost_of(request: Request, text: str | None, limits: Limits, cores: int) -> C
     """
     from mercator_design.designer import Designer
 
-    source = MissionSource.of_request(request, text)
     simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
     times = _times(source, request.flavour, limits)

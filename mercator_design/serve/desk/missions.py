@@ -60,15 +60,15 @@ def warm_up() -> None:
     Simulator(load_mission("aggregation")).rehearse(announce=lambda _: None)
 
 
-def checked_request(request: Request, text: str | None, limits: Limits) -> CheckedMission:
-    """Check the mission of a job, which has a text unless it is a shipped one, and that a race of it can begin.
+def checked_request(request: Request, source: MissionSource, limits: Limits) -> CheckedMission:
+    """Check the mission of a job, and that a race of it can begin.
 
     Raises:
         MercatorError: It cannot; with each mistake.
     """
     from mercator_design.designer import Designer
 
-    mission = MissionSource.of_request(request, text).read(limits)
+    mission = source.read(limits)
     simulator = Simulator(mission)
     simulator.check_placement()
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from mercator_design.config import shipped
 from mercator_design.config.loading import text_of
@@ -11,7 +10,6 @@ from mercator_design.errors import MissionError, RaceError, excerpt, printable
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
-from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.settings import Limits
@@ -30,11 +28,6 @@ class MissionSource:
     text: str | None = None
     overrides: tuple[str, ...] = ()
     folder: Path | None = None  # a run folder of ours, which has all files of its mission
-
-    @classmethod
-    def of_request(cls, request: Request, text: str | None) -> Self:
-        """The mission of a job, which has a text unless it is a shipped one."""
-        return cls(name=request.mission, text=text, overrides=request.set)
 
     def read(self, limits: Limits) -> Mission:
         """The mission.

@@ -66,7 +66,8 @@ def mission_of_job(service: Service, row: Row) -> MissionSource:
 
 def mission_of_request(service: Service, row: Row) -> MissionSource:
     """The mission of a job as its user wrote it."""
-    return MissionSource.of_request(service.store.read(row.id).request, service.store.mission(row.id))
+    request = service.store.read(row.id).request
+    return MissionSource(name=request.mission, text=service.store.mission(row.id), overrides=request.set)
 
 
 def job_source(service: Service, row: Row, name: str = "") -> FsmSource:

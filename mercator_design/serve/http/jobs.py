@@ -23,7 +23,7 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
         response.status_code = 200
         return Submitted(job=Job.of(service.jobs.same(row, request, text)), warnings=[])
     service.jobs.check_disk(user.name)
-    checked = service.desk.run(checked_request, request, text, service.settings.limits)
+    checked = service.desk.run(checked_request, request, body.source(), service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=Job.of(row), warnings=list(checked.warnings))

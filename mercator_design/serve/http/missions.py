@@ -116,7 +116,7 @@ def complete(service: TheService, body: TextToComplete) -> Completions:
 def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
     """Estimate how long a job will take and wait, from a few of its experiments, which are run and timed."""
     request, settings = body.request(), service.settings
-    cost = service.desk.run(cost_of, request, body.mission_text, settings.limits, service.cores)
+    cost = service.desk.run(cost_of, request, body.source(), settings.limits, service.cores)
     queued, _ = service.index.find(None, states=("queued",), descending=False, limit=-1)
     running, _ = service.index.find(None, states=("running",), limit=-1)
     usual = sum(cost.seconds) / 2.0 / request.budget

@@ -111,25 +111,16 @@ def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview
     )
 
 
+@lru_cache(maxsize=32)
 def picture(source: MissionSource, limits: Limits, seed: int, kind: Literal["png", "svg"]) -> bytes:
-    """A mission seen from above.
+    """A user's mission seen from above; remembered, because the page of a new job shows the same again and again.
 
     Raises:
         MercatorError: It is not valid, or the robots do not fit.
     """
-    if source.folder is not None:
-        return _draw(source, limits, seed, kind)
-    return _draw_once(source, limits, seed, kind)
-
-
-def _draw(source: MissionSource, limits: Limits, seed: int, kind: Literal["png", "svg"]) -> bytes:
     from mercator_design.view.pictures.preview import picture_of
 
     return picture_of(Simulator(source.read(limits)), seed=seed, suffix=f".{kind}")
-
-
-_draw_once = lru_cache(maxsize=32)(_draw)
-"""For what has no files: the page of a new job shows the same missions again and again."""
 
 
 def mission_text(source: MissionSource, limits: Limits) -> str:

@@ -22,7 +22,7 @@ from mercator_design.serve.jobs.operations import NotPossible
 from mercator_design.serve.jobs.races import CHUNK, JournalEvent, check_place, events_from, length_of
 from mercator_design.serve.service import Service
 
-router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
 _log = logging.getLogger(__name__)
 
@@ -52,10 +52,11 @@ def _place(
     return place
 
 
-_ANSWER = {200: {"content": {"text/event-stream": {}}, "description": "Events until the job has ended."}}
-
-
-@router.get("/jobs/{id}/events", response_class=StreamingResponse, responses=_ANSWER)  # type: ignore[arg-type]
+@router.get(
+    "/jobs/{id}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}, "description": "Events until the job has ended."}},
+)
 async def follow(
     service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_place)]
 ) -> EventSourceResponse:

@@ -16,7 +16,7 @@ from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import File
 from mercator_design.serve.jobs.races import end_of
 
-router = APIRouter(prefix="/api/v1", tags=["files"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["files"], responses=RESPONSES)
 
 _PAGE_POLICY = (
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "

@@ -10,7 +10,7 @@ from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Order, Submitted
 from mercator_design.serve.jobs.job import State
 
-router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
 Key = Annotated[str, Header(alias="Idempotency-Key", max_length=200, pattern=r"^[\x21-\x7e]*$")]
 

@@ -25,7 +25,7 @@ from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
 
-router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)
 
 _TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 _PICTURE = {

@@ -4,7 +4,7 @@ import errno
 import logging
 import sqlite3
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -47,18 +47,14 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
     ServiceError: (500, "Internal error"),
     MercatorError: (422, "Not valid"),
 }
-RESPONSES = {
+RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"model": Problem, "content": {"application/problem+json": {}}}
     for status in (400, 401, 403, 404, 405, 409, 413, 422, 429, 503, 507)
 }
 """The answers of errors, for the document of the API."""
 
 
-ProblemPage: TypeAlias = Callable[[Request, Problem], Response]
-"""Makes the page of a problem, for browsers."""
-
-
-def report_problems(app: FastAPI, page: ProblemPage) -> None:
+def report_problems(app: FastAPI, page: Callable[[Request, Problem], Response]) -> None:
     """Let an application answer errors with problems: as a page if the client accepts HTML, else as JSON."""
 
     def answer(request: Request, error: Exception) -> Response:

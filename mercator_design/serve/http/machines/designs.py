@@ -19,7 +19,7 @@ from mercator_design.serve.http.problems import RESPONSES, NotAllowed
 from mercator_design.serve.http.schemas import Body
 from mercator_design.serve.jobs.store import MISSION
 
-router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)
 
 _RUNS = 10
 """Instances on which a design is measured when it is saved."""

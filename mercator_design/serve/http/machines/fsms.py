@@ -25,7 +25,7 @@ from mercator_design.serve.http.schemas import Flavour
 from mercator_design.serve.jobs.job import MAX_SEED
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
-router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)  # type: ignore[arg-type]
+router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)
 
 _PART = 0.05
 """Of the time limit of the helpers: after so much, an evaluation lets other work in between."""

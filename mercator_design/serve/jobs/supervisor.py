@@ -65,15 +65,10 @@ class Supervisor:
         self._looked = -math.inf  # when the run folders of others were looked at
         self._is_short = False
         self._problems: dict[str, str] = {}  # that are logged already
-        self._lock = threading.RLock()
+        self.locked = threading.RLock()  # for all changes of jobs
         self._wake = threading.Event()
         self._is_stopping = False
         self._thread: threading.Thread | None = None
-
-    @property
-    def locked(self) -> threading.RLock:
-        """The lock of all changes of jobs."""
-        return self._lock
 
     @property
     def shortage(self) -> str:
@@ -104,7 +99,7 @@ class Supervisor:
 
     def reconcile(self) -> None:
         """Make the index agree with the data folder: new, changed and vanished jobs and run folders."""
-        with self._lock:
+        with self.locked:
             known = {row.id: row for row in self._index.all() if row.is_job}
             ids = self._store.ids()
             self._index.remove(*(known.keys() - {*ids}))
@@ -117,7 +112,7 @@ class Supervisor:
 
     def refresh(self, identity: str) -> Row | None:
         """Make the row of a job agree with its files; None if it is gone."""
-        with self._lock:
+        with self.locked:
             if not self._store.folder(identity).exists():
                 self._index.remove(identity)
                 return None
@@ -176,7 +171,7 @@ class Supervisor:
 
     def tick(self) -> None:
         """One round: look at what runs, and start what can."""
-        with self._lock:
+        with self.locked:
             self._note_space()
             for run in [*self._runs.values()]:
                 with self._going_on(run.job.id):

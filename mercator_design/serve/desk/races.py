@@ -44,14 +44,12 @@ def race_part(folder: Path) -> Part:
     """
     facts = _facts(folder)
     proof = read_proof(folder, facts.record) if facts.record.is_complete and facts.designer is not None else None
-    sections = [answer(facts, proof, []), course(facts)]
+    notes = [note(f"Note: {text}") for text in facts.notes]
+    sections = [course(facts)]
     if facts.record.is_complete:
-        sections[1:] = [choice(facts, proof, ""), course(facts), importance(facts)]
-    return Part(
-        "".join([*(note(f"Note: {text}") for text in facts.notes), *sections]),
-        facts.best,
-        tuple(chosen_runs(facts, None)),
-    )
+        sections = [choice(facts, proof, ""), *sections, importance(facts)]
+    text = "".join([*notes, answer(facts, proof, []), *sections])
+    return Part(text, facts.best, tuple(chosen_runs(facts, None)))
 
 
 def about_part(folder: Path) -> Part:

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from pathlib import Path
-from typing import Protocol
 
 from mercator_design.errors import printable
 from mercator_design.runs.provenance import PROVENANCE
@@ -15,17 +14,21 @@ _MAX_OUTPUT = 4096  # bytes at the end of the messages in which errors are looke
 _ERROR = "Error: "
 
 
-class RaceProcess(Protocol):
-    """A process that runs the race of a job."""
+class RaceProcess(subprocess.Popen[bytes]):
+    """A process that runs the race of a job. It stops when this one ends, because the pipe to it is closed.
+
+    Terminated, it stops when its running experiments have finished; killed, at once.
+
+    Its group is its own, so that Ctrl-C at the service does not reach it; its session is that of the service, because
+    Linux gives sessions equal shares of the processors, however nice their processes are (autogroup in sched(7)).
+    """
 
     def poll(self) -> int | None:
         """Its exit code, or None while it runs; negative: the signal that killed it."""
-
-    def terminate(self) -> None:
-        """Ask it to stop when its running experiments have finished."""
-
-    def kill(self) -> None:
-        """End it at once."""
+        code = super().poll()
+        if code is not None and self.stdin is not None:
+            self.stdin.close()
+        return code
 
 
 class Launcher:
@@ -63,27 +66,13 @@ class Launcher:
             OSError: It cannot be started.
         """
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
-            return _Process(
+            return RaceProcess(
                 [sys.executable, "-m", "mercator_design.serve.jobs.worker", *self.command(job)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
                 process_group=0,
             )
-
-
-class _Process(subprocess.Popen[bytes]):
-    """A process that stops when this one ends, because the pipe to it is closed.
-
-    Its group is its own, so that Ctrl-C at the service does not reach it; its session is that of the service, because
-    Linux gives sessions equal shares of the processors, however nice their processes are (autogroup in sched(7)).
-    """
-
-    def poll(self) -> int | None:
-        code = super().poll()
-        if code is not None and self.stdin is not None:
-            self.stdin.close()
-        return code
 
 
 def last_messages(output: Path) -> str:

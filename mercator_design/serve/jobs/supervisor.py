@@ -268,8 +268,7 @@ class Supervisor:
         """Run folders of no job come, grow and go; jobs may run in processes of a service that was killed."""
         self._looked = self._clock()
         found = {path.name: path for path in self._store.others()}
-        gone = [row.id for row in self._index.of_no_job() if row.id not in found]
-        self._index.remove(*gone)
+        self._index.remove(*(row.id for row in self._index.of_no_job() if row.id not in found))
         self._others = {name: one for name, one in self._others.items() if name in found}
         for name, path in found.items():
             with self._going_on(name):
@@ -298,7 +297,7 @@ class Supervisor:
         row = self.refresh(identity)
         if row is None or row.state != "queued":  # for example, another process runs it, or its file is damaged
             return True
-        job, folder = self._store.read(identity), self._store.run_folder(identity)
+        job = self._store.read(identity)
         try:
             process = self._launch(job)
         except OSError as error:
@@ -307,15 +306,14 @@ class Supervisor:
             self.refresh(identity)
             return False
         self._served[job.owner] = max(self._served.values(), default=-1) + 1
-        row = self._index.get(identity)
         self._runs[identity] = Running(
             job=job,
             process=process,
-            status=RaceStatus(folder),
+            status=RaceStatus(self._store.run_folder(identity)),
             output=self._store.folder(identity) / OUTPUT,
             started=self._clock(),
             budget=job.request.budget,
-            begun=row.experiments if row else 0,
+            begun=row.experiments,
         )
         self.refresh(identity)
         _log.info("job %s: started", identity)

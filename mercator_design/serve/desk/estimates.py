@@ -5,6 +5,7 @@ import statistics
 import time
 from dataclasses import dataclass
 
+from mercator_design.designer import Designer
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.job import Request
 from mercator_design.serve.settings import Limits
@@ -54,8 +55,6 @@ def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int)
     Raises:
         MercatorError: The mission is not valid, or a race of it cannot begin.
     """
-    from mercator_design.designer import Designer
-
     simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
     times = _times(source, request.flavour, limits)
@@ -76,8 +75,6 @@ def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int)
 @functools.lru_cache(maxsize=64)
 def _times(source: MissionSource, flavour: str, limits: Limits) -> tuple[float, ...]:
     """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
-    from mercator_design.designer import Designer
-
     simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MOST * 100, seed=1, flavour=flavour, method="random")
     simulator.rehearse(announce=lambda _: None)

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from mercator_design.config.json_schema import json_schema
 from mercator_design.config.writing import dump
+from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.report.missions import facts_of
@@ -66,8 +67,6 @@ def checked_request(request: Request, source: MissionSource, limits: Limits) -> 
     Raises:
         MercatorError: It cannot; with each mistake.
     """
-    from mercator_design.designer import Designer
-
     mission = source.read(limits)
     simulator = Simulator(mission)
     simulator.check_placement()
@@ -85,8 +84,6 @@ def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview
     Raises:
         MissionError: There is no shipped mission of the name.
     """
-    from mercator_design.designer import Designer
-
     label, text = source.label_and_text()
     try:
         mission = source.read(limits)

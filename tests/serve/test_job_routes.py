@@ -96,7 +96,8 @@ def test_change_and_delete(ann, quiet):
     job = quiet.submit()
     changed = ann.patch(f"{JOBS}/{job}", json={"budget": 200, "priority": 3, "shared": True}).json()
     assert (changed["budget"], changed["priority"], changed["shared"]) == (200, 3, True)
-    assert ann.patch(f"{JOBS}/{job}", json={"budget": 100}).status_code == 409
+    assert ann.patch(f"{JOBS}/{job}", json={"budget": 100, "priority": 5, "shared": False}).status_code == 409
+    assert ann.get(f"{JOBS}/{job}").json() == changed
     assert ann.post(f"{JOBS}/{job}/pause").json()["state"] == "paused"
     assert ann.post(f"{JOBS}/{job}/resume").json()["state"] == "queued"
     assert ann.post(f"{JOBS}/{job}/cancel").json()["state"] == "cancelled"

@@ -305,7 +305,7 @@ def test_the_end(devices, monkeypatch):
         raise RobotError(name)
 
     monkeypatch.setattr(mercator, "stop_rvr", lambda _link: end("rvr"))
-    monkeypatch.setattr(mercator, "stop_lidar", lambda _link, _line: end("lidar"))
+    monkeypatch.setattr(mercator, "stop_lidar", lambda _link: end("lidar"))
     with robot_on(devices, ()) as robot:
         robot.drive(Wheels(0.5, 0.5))
         devices.when(devices.drives)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Literal, NamedTuple, TypeAlias
 
 from mercator_design.errors import RobotError
+from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import DeviceName, Line, open_port
 from mercator_design.robot.devices.settings import Settings
 
@@ -21,8 +22,8 @@ class Finding(NamedTuple):
     value: str = ""  # the result in few words, for a table
 
 
-DeviceCheck: TypeAlias = Callable[[Settings, Line], Iterator[Finding]]
-"""Checks a device over its open port."""
+DeviceCheck: TypeAlias = Callable[[Settings, Link], Iterator[Finding]]
+"""Checks a device over the link to it."""
 
 
 def check_devices(
@@ -33,7 +34,7 @@ def check_devices(
     for device, check in checks.items():
         try:
             with open_port(device, getattr(settings.ports, device), end) as port:
-                yield from check(settings, Line(device, port))
+                yield from check(settings, Link([Line(device, port)]))
         except RobotError as error:
             words = str(error).removeprefix(f"{device}: ")
             yield Finding(device, is_fine=False, words=words, device=device, quantity="presence", value="not found")

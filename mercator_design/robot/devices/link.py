@@ -61,14 +61,15 @@ class Heard(NamedTuple):
 class Link:
     """The lines to the devices.
 
+    lines: The lines by device.
     answers: Counts of the RVR's answers to commands of `encode_counted`.
     is_ending: Whether a line may be lost without an error.
     """
 
     def __init__(self, lines: Iterable[Line]) -> None:
         """Make a link over lines to devices; nothing is sent yet."""
-        self._lines = {line.device: line for line in lines}
-        self._open = list(self._lines.values())
+        self.lines = {line.device: line for line in lines}
+        self._open = list(self.lines.values())
         self._host = rvr.Host()
         self._decoders: Mapping[DeviceName, _Decoder] = {
             "rvr": self._host,
@@ -85,7 +86,7 @@ class Link:
     def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device; errors are those of `Line.write`."""
         self._sent = data
-        self._lines[device].write(data)
+        self.lines[device].write(data)
 
     def encode(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
         """The bytes of a command; the RVR answers it only if it refuses, or if the command is a question."""
@@ -139,19 +140,15 @@ class Link:
 
     def counts(self) -> dict[DeviceName, Counts]:
         """The counts of bytes that each device has sent so far."""
-        return {device: self._decoders[device].counts for device in self._lines}
-
-    def port(self, device: DeviceName) -> str:
-        """The name of a device's port."""
-        return self._lines[device].port
+        return {device: self._decoders[device].counts for device in self.lines}
 
     def remedy(self, device: DeviceName) -> str:
         """What to check if a device sends nothing, or nothing that is understood, and its port."""
-        return f"{self._remedy(device)} ({device} on {self.port(device)})"
+        return f"{self._remedy(device)} ({device} on {self.lines[device].port})"
 
     def damage_remedy(self, device: DeviceName) -> str:
         """What to check if too many bytes to or from a device are damaged, and its port."""
-        return f"{_DAMAGED_LINE[device]} ({device} on {self.port(device)})"
+        return f"{_DAMAGED_LINE[device]} ({device} on {self.lines[device].port})"
 
     def _remedy(self, device: DeviceName) -> str:
         if device == "rvr" and self._is_joined:

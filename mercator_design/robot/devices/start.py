@@ -7,7 +7,6 @@ from typing import NamedTuple, TypeVar
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import Link
-from mercator_design.robot.devices.ports import Line
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import Acknowledgement
 from mercator_design.robot.protocols.rvr import Notification
@@ -93,14 +92,14 @@ def stop_rvr(link: Link) -> None:
     link.send_command("disable_notifications_and_active_commands")
 
 
-def start_lidar(link: Link, line: Line) -> Lidar:
+def start_lidar(link: Link) -> Lidar:
     """Start the lidar's motor and its scan; return its identity and health.
 
     Raises:
         RobotError: if it does not answer, has an error, or its answers about its health differ.
     """
-    stop_lidar(link, line)
-    line.set_dtr(high=True)
+    stop_lidar(link)
+    link.lines["lidar"].set_dtr(high=True)
     health = _agreed(link, "health", Health)
     if health is None:
         raise RobotError(f"its answers about its health differ; {link.damage_remedy('lidar')}", device="lidar")
@@ -123,10 +122,10 @@ def _agreed(link: Link, command: str, kind: type[S]) -> S | None:
     return None
 
 
-def stop_lidar(link: Link, line: Line) -> None:
+def stop_lidar(link: Link) -> None:
     """Stop the lidar's scan and motor."""
     link.send("lidar", _STOP)
-    line.set_dtr(high=False)
+    link.lines["lidar"].set_dtr(high=False)
 
 
 def start_hub(link: Link) -> None:

@@ -67,9 +67,7 @@ class Mercator:
             RobotError: if the robot lacks a sense.
         """
         self.senses = Senses(settings, reads, labels)
-        lines = {device: Line(device, port) for device, port in ports.items()}
-        self._link = Link(lines.values())
-        self._lidar, self._has_hub = lines.get("lidar"), "proximity" in lines
+        self._link = Link(Line(device, port) for device, port in ports.items())
         self._settings = settings
         self._do_commands_end = False
         self._queried = -math.inf
@@ -122,7 +120,7 @@ class Mercator:
     def _refuse_drive(self, error: int) -> None:
         """Take in that the RVR has refused a drive command; send it again if it was damaged on its way."""
         if error not in DAMAGED:
-            port = self._link.port("rvr")
+            port = self._link.lines["rvr"].port
             raise RobotStopped(f"rvr: it does not drive: {words(error)}; switch it off and on (rvr on {port})")
         self._link.answers.repeated += self.brake.repeat()
 
@@ -186,8 +184,8 @@ class Mercator:
         except RobotError as error:
             self.stop_failure = f"RVR stop not confirmed: {error}"
         with contextlib.suppress(RobotError):
-            if self._lidar is not None:
-                stop_lidar(link, self._lidar)
+            if "lidar" in link.lines:
+                stop_lidar(link)
         if self.stop_failure:
             self.notes.add(Note(self.stop_failure))
 
@@ -208,9 +206,9 @@ class Mercator:
         for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
             link.ask(name, processor, **values)
         self.attend(time.monotonic())  # the lidar does not start with a critical battery
-        if self._lidar is not None:
-            self.facts |= start_lidar(link, self._lidar).words()
-        if self._has_hub:
+        if "lidar" in link.lines:
+            self.facts |= start_lidar(link).words()
+        if "proximity" in link.lines:
             start_hub(link)
         self._await_samples()
 

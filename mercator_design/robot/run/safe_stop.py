@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from mercator_design.robot.devices.findings import Finding, check_devices
 from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import Link
-from mercator_design.robot.devices.ports import Line
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, stop_lidar, stop_rvr, wake_rvr
 from mercator_design.robot.run.network import Speaker
@@ -25,14 +24,13 @@ def safe_stop(settings: Settings) -> Iterator[Finding]:
     yield from check_devices(settings, {"rvr": _stop_rvr, "lidar": _stop_lidar}, patience)
 
 
-def _stop_rvr(_: Settings, line: Line) -> Iterator[Finding]:
-    link = Link([line])
+def _stop_rvr(_: Settings, link: Link) -> Iterator[Finding]:
     link.send("rvr", 2 * halt(link))
     found = wake_rvr(link)  # an RVR that sleeps refuses the rest
     stop_rvr(link)
     yield Finding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
 
 
-def _stop_lidar(_: Settings, line: Line) -> Iterator[Finding]:
-    stop_lidar(Link([line]), line)
+def _stop_lidar(_: Settings, link: Link) -> Iterator[Finding]:
+    stop_lidar(link)
     yield Finding("lidar", is_fine=True, words="stop sent")

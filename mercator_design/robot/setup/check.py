@@ -9,7 +9,7 @@ from typing import Any
 from mercator_design.robot.devices.findings import DeviceCheck, Finding, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
 from mercator_design.robot.devices.link import Link
-from mercator_design.robot.devices.ports import DeviceName, Line, PortNames, sharing
+from mercator_design.robot.devices.ports import DeviceName, PortNames, sharing
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import (
@@ -162,8 +162,7 @@ def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> F
     return Finding(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
 
 
-def _check_rvr(settings: Settings, line: Line) -> Iterator[Finding]:
-    link = Link([line])
+def _check_rvr(settings: Settings, link: Link) -> Iterator[Finding]:
     found = wake_rvr(link)
     words = found.words()
     for processor, min_version in _MIN_FIRMWARE.items():
@@ -212,9 +211,8 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     return _judged(f"{device}'s line", is_fine, words, remedy, device=device, quantity="line", value=value)
 
 
-def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
-    link = Link([line])
-    started = start_lidar(link, line)
+def _check_lidar(settings: Settings, link: Link) -> Iterator[Finding]:
+    started = start_lidar(link)
     facts = started.words()
     yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
     if started.warning is not None:
@@ -227,7 +225,7 @@ def _check_lidar(settings: Settings, line: Line) -> Iterator[Finding]:
         before, begin = link.counts()["lidar"], sweep.swept
         sights = [*_sights(link, turns, sweep)]
     finally:
-        stop_lidar(link, line)
+        stop_lidar(link)
     swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
     yield _of_line("lidar", settings, link, before, swept)
     rate = _rate([now for now, _ in sights])
@@ -254,8 +252,7 @@ def _rate(times: Sequence[float]) -> float:
     return (len(times) - 1) / max(times[-1] - times[0], 0.75 * DURATION) if times else 0.0
 
 
-def _check_hub(settings: Settings, line: Line) -> Iterator[Finding]:
-    link = Link([line])
+def _check_hub(settings: Settings, link: Link) -> Iterator[Finding]:
     start_hub(link)
     link.discard()
     before = link.counts()["proximity"]

@@ -1,12 +1,13 @@
 """The robots of an arena, with their devices and faults. No input or output; the time is an argument."""
 
 import functools
+import itertools
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.health import SIDES
-from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.devices.ports import DEVICES, DeviceName
 from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.devices.hub import TwinHub
 from mercator_design.twin.devices.lidar import TwinLidar
@@ -15,14 +16,6 @@ from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat,
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 """Called with each event."""
-
-
-class _DeviceLine(NamedTuple):
-    """A device, and the faults on the line to it and from it."""
-
-    device: TwinRvr | TwinLidar | TwinHub
-    to_robot: Damage
-    from_robot: Damage
 
 
 class TwinRobot:
@@ -45,35 +38,31 @@ class TwinRobot:
         self._faults = [fault for fault in script.faults if fault.robot == number]
         self._on: list[Fault] = []
         self._seen: dict[str, Any] = {}
-        devices: dict[DeviceName, TwinRvr | TwinLidar | TwinHub] = {
+        self._devices: dict[DeviceName, TwinRvr | TwinLidar | TwinHub] = {
             "rvr": self.rvr,
             "lidar": self.lidar,
             "proximity": self.hub,
         }
-        self._lines = {
-            name: _DeviceLine(
-                device, self._damage(script.seed, name, "to_robot"), self._damage(script.seed, name, "from_robot")
+        on_lines = [fault for fault in self._faults if isinstance(fault, LineFault)]
+        self._damage: dict[tuple[DeviceName, Direction], Damage] = {
+            (device, way): Damage(
+                (fault for fault in on_lines if fault.device == device), way, f"{script.seed} {number} {device} {way}"
             )
-            for name, device in devices.items()
+            for device, way in itertools.product(DEVICES, get_args(Direction))
         }
         self._note(0.0)
 
-    def _damage(self, seed: int, device: DeviceName, way: Direction) -> Damage:
-        faults = [fault for fault in self._faults if isinstance(fault, LineFault) and fault.device == device]
-        return Damage(faults, way, f"{seed} {self._number} {device} {way}")
-
     def receive(self, device: DeviceName, data: bytes, now: float) -> bytes:
         """The answer of a device to bytes."""
-        line = self._lines[device]
-        said = line.from_robot(line.device.receive(line.to_robot(data, now), now), now)
+        said = self._devices[device].receive(self._damage[device, "to_robot"](data, now), now)
         self._note(now)
-        return said
+        return self._damage[device, "from_robot"](said, now)
 
     def advance(self, now: float) -> Iterator[tuple[DeviceName, bytes]]:
         """The bytes that the devices send unasked up to now."""
         self._begin_and_end_faults(now)
-        for name, line in self._lines.items():
-            if said := line.from_robot(line.device.advance(now), now):
+        for name, device in self._devices.items():
+            if said := self._damage[name, "from_robot"](device.advance(now), now):
                 yield name, said
         self._note(now)
 

@@ -88,7 +88,7 @@ class TwinRobot:
             self._report(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
         if any(isinstance(fault, Battery) for fault in begun + ended):
             self.rvr.level = min((fault.level for fault in on if isinstance(fault, Battery)), default=100.0)
-        self.rvr.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
+        self.rvr.drive.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
         if any(isinstance(fault, Heat) for fault in begun + ended):
             hot = [(SIDES.index(fault.motor), fault.temperature) for fault in on if isinstance(fault, Heat)]
             self.rvr.heat(dict(sorted(hot)))  # if there are several, the hottest counts

@@ -315,7 +315,7 @@ class TestDriving:
             ([0], [(0, True), (1, False)], (0.0, 0.125)),
             ([], [(0, False)], (0.25, 0.125)),
         ):
-            talk.rvr.stall(stalled)
+            talk.rvr.drive.stall(stalled)
             assert [(*event.values.values(),) for _, event in talk.wait(0.02)] == told
             assert talk.rvr.drive.treads == treads
 

@@ -52,20 +52,22 @@ class TwinDrive:
     cause: What set these: a command, or "timeout", "sleep", "port closed".
     treads: The present speeds of the treads.
     stalled: Motors that are stuck (0 left, 1 right).
+    cut: Motors that have no power, whatever the target speeds are.
     """
 
-    def __init__(self, tread_distance: float, place: Callable[[], Place]) -> None:
+    def __init__(self, tread_distance: float, place: Callable[[], Place], notify: Callable[..., None]) -> None:
         """A drive at rest.
 
         Args:
             tread_distance: [m] from tread to tread.
             place: Returns the robot's pose.
+            notify: Sends a notification, of a name and values.
         """
         self.now = 0.0
         self.target = self.treads = _REST
         self.command = self.cause = "start"
         self._half = 0.5 * tread_distance
-        self._place = place
+        self._place, self._notify = place, notify
         self._aim: Callable[[], Treads] = lambda: _REST
         self._controller = _STOP
         self._limit = _AT_ONCE  # of the change of speed [m/s2]
@@ -74,29 +76,27 @@ class TwinDrive:
         self._then = 0.0
         self._stopped = True
         self.stalled: frozenset[int] = frozenset()
-        self._cut: frozenset[int] = frozenset()
+        self.cut: frozenset[int] = frozenset()
         self._defaults, self._slew = dict(_DEFAULTS), dict(_SLEW)
-        self._drove_to: bool | None = None
+        self._drove_to = False
 
-    def advance(self) -> list[tuple[str, dict[str, Any]]]:
-        """Update the treads; the resulting notifications."""
+    def advance(self) -> None:
+        """Update the treads."""
         if self.now >= self._deadline:
             self._stop("timeout")
         self._retarget()
-        notifications: list[tuple[str, dict[str, Any]]] = []
         change = self._limit * max(0.0, self.now - self._then)
         left, right = (
-            0.0 if motor in self.stalled | self._cut else now + min(max(aim - now, -change), change)
+            0.0 if motor in self.stalled | self.cut else now + min(max(aim - now, -change), change)
             for motor, (aim, now) in enumerate(zip(self.target, self.treads, strict=True))
         )
         self._then, self.treads = self.now, (left, right)
-        if self._drove_to is not None:
-            notifications.append(("xy_position_drive_result", {"success": self._drove_to}))
-            self._drove_to = None
+        if self._drove_to:
+            self._drove_to = False
+            self._notify("xy_position_drive_result", success=True)
         if self._controller == _STOP and not self._stopped and self.treads == _REST:
             self._stopped = True
-            notifications.append(("robot_has_stopped", {}))
-        return notifications
+            self._notify("robot_has_stopped")
 
     def halt(self, cause: str) -> None:
         """Stop at once."""
@@ -108,15 +108,11 @@ class TwinDrive:
         if self._controller == _POSITION:
             self._stop("port closed")
 
-    def stall(self, motors: Iterable[int]) -> list[tuple[str, dict[str, Any]]]:
-        """Set which motors (0 left, 1 right) are stuck; the resulting notifications."""
-        stalled = frozenset(motors)
-        changed, self.stalled = sorted(stalled ^ self.stalled), stalled
-        return [("motor_stall", {"motor_index": motor, "is_triggered": motor in stalled}) for motor in changed]
-
-    def cut(self, motors: Iterable[int]) -> None:
-        """Set which motors have no power, whatever the target speeds are."""
-        self._cut = frozenset(motors)
+    def stall(self, motors: Iterable[int]) -> None:
+        """Set which motors (0 left, 1 right) are stuck."""
+        before, self.stalled = self.stalled, frozenset(motors)
+        for motor in sorted(before ^ self.stalled):
+            self._notify("motor_stall", motor_index=motor, is_triggered=motor in self.stalled)
 
     def _retarget(self) -> None:
         left, right = self._aim()

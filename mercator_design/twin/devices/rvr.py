@@ -5,7 +5,7 @@ up. Sources: docs/reference/robot-protocols.md; where these are silent, docs/ref
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mercator_design.robot.protocols.rvr import Flags, RvrCommand, RvrEnd, Unknown
@@ -68,7 +68,7 @@ class TwinRvr:
         self.level = 100.0
         self._line = RvrEnd()
         self._senses = TwinSenses(measure, self._line)
-        self.drive = TwinDrive(tread_distance, self._senses.place)
+        self.drive = TwinDrive(tread_distance, self._senses.place, self._notify)
         self._number = number
         self._began = self._active = self._now = 0.0
         self._awake = 0.0  # from when on
@@ -101,8 +101,7 @@ class TwinRvr:
             self._active = now
         if self.is_awake:
             self._doze()
-        for name, values in self.drive.advance():
-            self._notify(name, **values)
+        self.drive.advance()
         self._said.append(self._senses.advance())
         self._watch_battery()
         return self._take_said()
@@ -112,11 +111,6 @@ class TwinRvr:
         self._now = self.drive.now = now
         self.drive.end_position_drive()
 
-    def stall(self, motors: Iterable[int]) -> None:
-        """Set which motors (0 left, 1 right) are stuck; these have no power."""
-        for name, values in self.drive.stall(motors):
-            self._notify(name, **values)
-
     def heat(self, temperatures: Mapping[int, float]) -> None:
         """Set the temperatures of motors (0 left, 1 right) [degrees Celsius]; others have the usual one."""
         before = self.get_motor_thermal_protection_status()
@@ -124,7 +118,7 @@ class TwinRvr:
         status = self.get_motor_thermal_protection_status()
         if status != before:
             self._notify("motor_thermal_protection_status", **status)
-        self.drive.cut({motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT})
+        self.drive.cut = frozenset(motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT)
 
     def _obey(self, event: RvrCommand | Unknown) -> bytes:
         frame = event.frame

@@ -170,11 +170,16 @@ class TestCommands:
 
     def test_lamps(self, talk):
         talk.send("set_all_leds", **lights({"headlight_left": (1, 2, 3), "brakelight_right": (4, 5, 6)}))
-        assert talk.rvr.light("headlight_left") == (1, 2, 3)
-        assert talk.rvr.light("brakelight_right") == (4, 5, 6)
-        assert talk.rvr.light("headlight_right") == (0, 0, 0)
+        assert light(talk.rvr, "headlight_left") == (1, 2, 3)
+        assert light(talk.rvr, "brakelight_right") == (4, 5, 6)
+        assert light(talk.rvr, "headlight_right") == (0, 0, 0)
         talk.send("release_led_requests")
-        assert not any(any(talk.rvr.light(name)) for name in LIGHTS)
+        assert not any(any(light(talk.rvr, name)) for name in LIGHTS)
+
+
+def light(rvr, name):
+    """Red, green, blue of one of the `LIGHTS`."""
+    return tuple(rvr.leds[LIGHTS[name] : LIGHTS[name] + 3])
 
 
 def drive(talk, left=0.25, right=0.125):
@@ -548,8 +553,8 @@ class TestTheMakersProgram:
         for frame in sdk("original_driver_actuation_tick"):
             assert talk.hear(frame) == []
         assert talk.rvr.drive.target == pytest.approx((0.2, 0.18))
-        assert talk.rvr.light("headlight_left") == (237, 239, 144)
-        assert talk.rvr.light("brakelight_right") == (89, 233, 207)
+        assert light(talk.rvr, "headlight_left") == (237, 239, 144)
+        assert light(talk.rvr, "brakelight_right") == (89, 233, 207)
         for frame in sdk("stream_stop_original_driver"):
             talk.hear(frame)
         assert talk.wait(1.0) == []

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mercator_design.robot.protocols.rvr import Flags, RvrCommand, RvrEnd, Unknown
-from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
+from mercator_design.robot.protocols.rvr_messages import COMMANDS, Error, Processor
 from mercator_design.twin.devices.drive import TwinDrive
 from mercator_design.twin.devices.senses import Measure, TwinSenses
 
@@ -259,8 +259,3 @@ class TwinRvr:
 
     def release_led_requests(self) -> None:
         self.leds[:] = bytes(_LEDS)
-
-    def light(self, name: str) -> tuple[int, int, int]:
-        """Red, green, blue of one of the `LIGHTS`, 0 to 255."""
-        red, green, blue = self.leds[LIGHTS[name] : LIGHTS[name] + 3]
-        return red, green, blue

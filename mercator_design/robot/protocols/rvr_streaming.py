@@ -33,11 +33,6 @@ class Service:
     size: int  # bytes of each of its integers, as in the SDK; 1, 2 or 4
     attributes: Mapping[str, Attribute]
 
-    @property
-    def entry(self) -> bytes:
-        """The bytes that ask for it in a configuration."""
-        return _ENTRY.pack(self.id, self.size.bit_length() - 1)
-
 
 _NORDIC, _ST, _BOTH = (Processor.NORDIC,), (Processor.ST,), (Processor.NORDIC, Processor.ST)
 _CHANNEL, _HALF, _TICKS = range(256), range(2**32), range(-(2**31), 2**31)
@@ -85,7 +80,7 @@ def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Proce
     for processor in Processor:
         for slot in _SLOTS:
             entries = [
-                service.entry
+                _ENTRY.pack(service.id, _SIZES.index(service.size))
                 for service in map(SERVICES.__getitem__, services)
                 if service.slot == slot and processor in service.processors
             ]

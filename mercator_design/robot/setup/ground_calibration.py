@@ -100,6 +100,7 @@ def calibrate(
         RobotError: if the sensor cannot be used, sees nothing, or cannot distinguish two colours.
     """
     measured: dict[ColourName, list[RGB]] = {}
+    labels: dict[ColourName, Levels] = {}
     for name in names:
         ask(f"Put the robot on {name}")
         measured[name] = found = sensor.measure(seconds)
@@ -108,7 +109,8 @@ def calibrate(
         check_light(name, found)
         for warning in warnings(name, found):
             report(f"Warning: {warning}")
-    labels: dict[ColourName, Levels] = {name: _rounded(mean(found)) for name, found in measured.items()}
+        red, green, blue = map(round, mean(found))
+        labels[name] = red, green, blue
     for warning in confused(measured, {**kept, **labels}, _MIN_APART):
         raise RobotError(f"ground: {warning}")
     for warning in confused(measured, {**kept, **labels}):
@@ -167,8 +169,3 @@ def _along(found: Sequence[RGB], start: RGB, end: RGB) -> float:
     """The standard deviation of colours along the line between two colours."""
     far = math.dist(start, end) or 1.0
     return pstdev(sum(c * (b - a) for a, b, c in zip(start, end, colour, strict=True)) / far for colour in found)
-
-
-def _rounded(colour: RGB) -> Levels:
-    red, green, blue = map(round, colour)
-    return red, green, blue

@@ -197,21 +197,17 @@ class Watchdog(threading.Thread):
         if self._heartbeat is not None and (heard is None or now - heard > self._heartbeat):
             self._brake.stop(f"swarm: no heartbeat for {self._heartbeat:g} s")
 
-    def _obey_stop(self, why: str) -> None:
-        """Stop the wheels; obey repeated stops, but not so often that they delay the shutdown."""
-        now = time.monotonic()
-        if now - self._obeyed > _OBEY_EVERY:
-            self._obeyed = now
-            self._brake.stop(why)
-
     def _receive(self, listening: socket.socket) -> None:
         for message, sender in receive(listening):
+            now = time.monotonic()
             if message == STOP:
-                self._obey_stop(f"swarm: stop received from {sender[0]}")
+                if now - self._obeyed > _OBEY_EVERY:  # more often they would delay the shutdown
+                    self._obeyed = now
+                    self._brake.stop(f"swarm: stop received from {sender[0]}")
                 answer: bytes | None = self._answer
             else:
                 refused = self.heartbeats.refused
-                answer = self.heartbeats.take(message, time.monotonic())
+                answer = self.heartbeats.take(message, now)
                 if self.heartbeats.refused != refused:
                     self.refused_from = sender[0]
             if answer is not None:

@@ -1,6 +1,5 @@
 """The twin's Teraranger Hub Multiflex: bytes of commands in, bytes of acknowledgements and distances out."""
 
-import math
 from collections.abc import Callable, Sequence
 
 from mercator_design.robot.protocols.multiflex import (
@@ -70,6 +69,5 @@ class TwinHub:
 
 def _millimetres(distance: float) -> int:
     """A distance [m] as the hub sends it."""
-    if distance == math.inf or 1000.0 * distance > MAX_DISTANCE:
-        return NOTHING
-    return max(0, round(1000.0 * max(distance, 0.0)))
+    millimetres = 1000.0 * max(distance, 0.0)
+    return NOTHING if millimetres > MAX_DISTANCE else round(millimetres)

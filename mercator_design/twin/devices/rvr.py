@@ -99,8 +99,11 @@ class TwinRvr:
         if self.is_awake and not was_awake:
             self._notify("did_wake")
             self._active = now
-        if self.is_awake:
-            self._doze()
+        if self.is_awake and now >= self._active + SLEEPS:
+            self.sleep()
+        elif self.is_awake and now >= self._active + SLEEPS - _WARNING and not self._warned:
+            self._warned = True
+            self._notify("will_sleep")
         self.drive.advance()
         self._said.append(self._senses.advance())
         self._watch_battery()
@@ -155,13 +158,6 @@ class TwinRvr:
         said = b"".join(self._said)
         self._said.clear()
         return said
-
-    def _doze(self) -> None:
-        if self._now >= self._active + SLEEPS:
-            self.sleep()
-        elif self._now >= self._active + SLEEPS - _WARNING and not self._warned:
-            self._warned = True
-            self._notify("will_sleep")
 
     def _volts(self) -> float:
         return _EMPTY + (_FULL - _EMPTY) * self.level / 100

@@ -77,7 +77,7 @@ class TestMessages:
         assert messages.colour((1, 2, 3)) == {"r": 1, "g": 2, "b": 3, "a": 255.0}
 
     def test_times_before_the_epoch_of_a_clock_that_has_not_begun(self):
-        assert messages.stamp(-5.0) == {"secs": 0, "nsecs": 0}
+        assert messages.header(-5.0)["stamp"] == {"secs": 0, "nsecs": 0}
 
     @pytest.mark.parametrize("degrees", range(-180, 180, 15))
     def test_a_scan_begins_at_the_back_and_is_counter_clockwise(self, degrees):

@@ -53,15 +53,10 @@ _PLACES = tuple(round(((k * STEP + math.pi) % math.tau) / _INCREMENT) for k in r
 """The index in the scan of each bin of the ring."""
 
 
-def stamp(seconds: float) -> Fields:
-    """The time stamp of a time [s]."""
-    nanoseconds = max(0, round(1e9 * seconds))
-    return {"secs": nanoseconds // 10**9, "nsecs": nanoseconds % 10**9}
-
-
 def header(seconds: float, frame: str = "") -> Fields:
     """The header of a measurement at a time [s]."""
-    return {"stamp": stamp(seconds), "frame_id": frame}
+    nanoseconds = max(0, round(1e9 * seconds))
+    return {"stamp": {"secs": nanoseconds // 10**9, "nsecs": nanoseconds % 10**9}, "frame_id": frame}
 
 
 def colour(levels: RGB) -> Fields:

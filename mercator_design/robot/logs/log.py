@@ -185,11 +185,9 @@ def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
             for number, line in enumerate(lines, start=1):
                 try:
                     event = reader.read(from_line(line))
-                except ValueError as error:
+                except (ValueError, RobotError) as error:
                     if number > 1 and not line.endswith(b"\n") and next(lines, None) is None:
                         return
-                    raise RobotError(f"{path}, line {number}: {error}") from None
-                except RobotError as error:
                     raise RobotError(f"{path}, line {number}: {error}") from None
                 yield event
             if file.tell() == 0:

@@ -37,7 +37,7 @@ SOON = """
 from mercator_design.robot.devices import link
 from mercator_design.robot.run import mercator
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-mercator._LOOK, link._TRIES = 0.0002, 3
+link._TRIES = 3
 """
 """Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
 And end sooner, if nothing answers."""

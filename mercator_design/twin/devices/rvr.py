@@ -19,7 +19,7 @@ SLEEPS = 300.0
 """[s] after the last command that keeps the robot awake."""
 _WARNING = 10.0  # [s] before it sleeps
 
-_UNKNOWN_STATE, _GOOD, _LOW, _CRITICAL = range(4)  # of the battery
+_GOOD, _LOW, _CRITICAL = 1, 2, 3  # states of the battery
 _THRESHOLDS = {"critical_threshold": 6.5, "low_threshold": 7.0, "hysteresis": 0.1}  # [V]
 _EMPTY, _FULL = 6.4, 8.2  # [V]
 _ECHO = 16  # bytes at most

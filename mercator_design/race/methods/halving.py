@@ -21,7 +21,7 @@ from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.racing.additive_model import expected, table
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
-from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.racing.summary import IterationSummary
 from mercator_design.race.space.parameter import Value
 from mercator_design.race.space.space import Space
 
@@ -129,22 +129,8 @@ class Halving(Optimizer):
             raise RaceError(f"budget: expected at least {MIN_BUDGET} experiments, found {budget}")
         self._initial = self._checked(initial)
         self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
-        self._alive: list[int] = []  # of the current generation, while it runs
         self._next = _Rung(0, 0)  # what comes after the current rung
-        self._best: Elite | None = None  # of the current generation, after its first rung
         self._n_seen = 0  # instances
-        self._n_iterations = 0
-
-    @property
-    def progress(self) -> Progress:
-        return Progress(
-            iteration=self.iteration,
-            iterations=self._n_iterations,
-            alive=len(self._alive) or len(self.elites),
-            used=self.used,
-            budget=self.budget,
-            best=self._best or (self.elites[0] if self.elites else None),
-        )
 
     @property
     def may_run_again(self) -> set[int]:

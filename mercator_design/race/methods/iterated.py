@@ -65,18 +65,12 @@ class IteratedRace(Optimizer):
 
     @property
     def progress(self) -> Progress:
-        best = self.elites[0] if self.elites else None
-        if self._race is not None:
-            leader = self._race.ranked()[0]
-            best = self.history.statistics(leader) if self.history.costs[leader] else best
-        return Progress(
-            iteration=self.iteration,
-            iterations=self._planner.n_iterations,
-            alive=len(self.elites) if self._race is None else len(self._race.alive),
-            used=self.used,
-            budget=self.budget,
-            best=best,
-        )
+        found = replace(super().progress, iterations=self._planner.n_iterations)
+        if self._race is None:
+            return found
+        leader = self._race.ranked()[0]
+        best = self.history.statistics(leader) if self.history.costs[leader] else found.best
+        return replace(found, alive=len(self._race.alive), best=best)
 
     @property
     def may_run_again(self) -> set[int]:

@@ -55,14 +55,24 @@ class Optimizer(ABC):
         self.notes: list[str] = []
         self.stop_reason: str | None = None
         self.iteration = 0
+        self._n_iterations = 0
+        self._alive: list[int] = []  # of the current iteration, while it runs
+        self._best: Elite | None = None  # of the current iteration, where it is known
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
         self._error: RaceError | None = None
 
     @property
-    @abstractmethod
     def progress(self) -> Progress:
         """The progress of the race."""
+        return Progress(
+            iteration=self.iteration,
+            iterations=self._n_iterations,
+            alive=len(self._alive) or len(self.elites),
+            used=self.used,
+            budget=self.budget,
+            best=self._best or (self.elites[0] if self.elites else None),
+        )
 
     @abstractmethod
     def lookahead(self, n: int) -> list[Experiment]:

@@ -16,7 +16,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.methods.optimizer import Batches, Optimizer
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.statistics import signed_rank_p_value
-from mercator_design.race.racing.summary import IterationSummary, Progress
+from mercator_design.race.racing.summary import IterationSummary
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
@@ -104,21 +104,8 @@ class Search(Optimizer):
             )
         self._sampler = sampler(space, seed=seed, generation=options.generation)
         self._initial = self._checked(initial)
-        self._alive: list[int] = []  # of the current generation, while it runs
         self._instances = range(0)  # after the current one
-        self._n_iterations = 0
         self._means: dict[int, float] = {}  # of all that have run, as reported to the sampler
-
-    @property
-    def progress(self) -> Progress:
-        return Progress(
-            iteration=self.iteration,
-            iterations=self._n_iterations,
-            alive=len(self._alive) or len(self.elites),
-            used=self.used,
-            budget=self.budget,
-            best=self.elites[0] if self.elites else None,
-        )
 
     def lookahead(self, n: int) -> list[Experiment]:
         coming = (Experiment(number, instance) for instance in self._instances for number in self._alive)

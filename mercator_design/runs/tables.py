@@ -35,7 +35,8 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    return _experiments(read_journal(path).record)
+    experiments = read_journal(path).record.results()
+    return _table(experiments, ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure"))
 
 
 def tests_table(path: Path) -> "pd.DataFrame":
@@ -61,16 +62,17 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
+    import pandas as pd
+
     record = read_journal(path).record
     if not record.start:
         raise RaceError(f"{path}: no race has begun here yet")
-    return _configurations(record)
-
-
-def _experiments(record: Record) -> "pd.DataFrame":
-    return _table(
-        record.results(), ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure")
-    )
+    names, rows = configuration_rows(record)
+    columns = [
+        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES.get(name, object)) for k, name in enumerate(names)
+    ]
+    numbers, *others = columns
+    return pd.concat(others, axis=1).set_index(numbers)
 
 
 def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
@@ -78,17 +80,6 @@ def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
 
     table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in names})
     return table.astype({"score": float})
-
-
-def _configurations(record: Record) -> "pd.DataFrame":
-    import pandas as pd
-
-    names, rows = configuration_rows(record)
-    columns = [
-        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES.get(name, object)) for k, name in enumerate(names)
-    ]
-    numbers, *others = columns
-    return pd.concat(others, axis=1).set_index(numbers)
 
 
 def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:

@@ -11,9 +11,8 @@ from typing import Literal, NamedTuple
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.irace.scenario_text import Setting
 from mercator_design.race.irace.target_runner import CMDLINE
+from mercator_design.race.space.r_operators import MAX_INTEGER
 
-MAX_INTEGER = 2**31 - 1
-"""R's largest integer."""
 _IS_R = "R cannot be run here"
 _NO_CAPPING = "capping is not supported: leave it out, or run irace itself"
 _ONE_RUNNER = "use targetRunner, a program, and parallel, the number of programs that run at the same time"

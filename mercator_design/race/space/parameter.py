@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
-from mercator_design.race.space.r_operators import number, number_text
+from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_text
 
 Value = str | int | float
 Configuration = dict[str, Value]
@@ -23,8 +23,6 @@ DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
 MAX_DIGITS = 15
 """With more decimal places a value would be rounded by its floating-point format (irace)."""
-MAX_INTEGER = 2**31 - 1
-"""R's largest integer."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

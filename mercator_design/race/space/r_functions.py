@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mercator_design.race.space.r_operators import (
+    MAX_INTEGER,
     Closure,
     Values,
     between,
@@ -35,7 +36,6 @@ from mercator_design.race.space.r_operators import (
 
 _LOGICAL = dict.fromkeys(("TRUE", "true", "T", "True"), True)
 _LOGICAL |= dict.fromkeys(("FALSE", "false", "F", "False"), False)
-_MAX_INTEGER = 2**31 - 1
 _POSIX_CLASSES = {
     "[:alnum:]": "0-9A-Za-z",
     "[:alpha:]": "A-Za-z",
@@ -171,7 +171,7 @@ def _as_number(value: Any) -> float | None:  # noqa: ANN401
 
 def _as_integer(value: Any) -> int | None:  # noqa: ANN401
     found = _as_number(value)
-    return None if found is None or not abs(found) <= _MAX_INTEGER else int(found)
+    return None if found is None or not abs(found) <= MAX_INTEGER else int(found)
 
 
 def _if_else(test: Closure, yes: Closure, no: Closure) -> Closure:

@@ -25,6 +25,8 @@ COMPARISONS = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+MAX_INTEGER = 2**31 - 1
+"""R's largest integer."""
 MAX_MEMBERS = 100_000
 """Maximum length of a vector."""
 _MAX_WHOLE = 2**63 - 1

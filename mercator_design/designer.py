@@ -4,7 +4,6 @@ All randomness is from one master seed: the same mission, budget and seed give t
 experiments.
 """
 
-import dataclasses
 import hashlib
 import json
 import pickle
@@ -160,10 +159,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
             "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
-            "budget": self.optimizer.budget,
-            "seed": self.optimizer.seed,
-            "method": self.method,
-            "options": dataclasses.asdict(self.optimizer.options),
+            **super().start(),
         }
 
     def files(self) -> dict[str, bytes]:

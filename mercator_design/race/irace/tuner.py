@@ -1,6 +1,5 @@
 """A race for the parameters of any program that irace's scenario.txt describes."""
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -84,10 +83,7 @@ class Tuner(Task[Call]):
             "space_digest": _digest(scenario.parameters),
             "instances_digest": _digest(json.dumps(scenario.instances)),
             "initial_digest": _digest(json.dumps(scenario.initial)),
-            "budget": self.optimizer.budget,
-            "seed": self.optimizer.seed,
-            "method": self.method,
-            "options": dataclasses.asdict(self.optimizer.options),
+            **super().start(),
         }
 
     def files(self) -> dict[str, bytes]:

@@ -6,7 +6,7 @@ folder (runs/folder.py) are the same for all tasks.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -104,8 +104,9 @@ class Task(Problem[T]):
             MercatorError: A file has changed.
         """
 
-    @abstractmethod
-    def start(self) -> dict[str, Any]: ...
+    def start(self) -> dict[str, Any]:
+        """As `Problem.start`, with the method and its options; a task adds what it is about."""
+        return {**super().start(), "method": self.method, "options": asdict(self.optimizer.options)}
 
     @abstractmethod
     def files(self) -> dict[str, bytes]:

@@ -151,20 +151,21 @@ class Journal:
             OSError: It cannot be opened.
         """
         self.path = path
-        self.record = Record()
         self.notes: list[str] = []
         self._file = os.open(
             path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | (os.O_CREAT | os.O_EXCL if new else 0), 0o666
         )
-        self._length = 0
-        self._last = _FIRST
         self._synced = time.monotonic()
         try:
             self._lock()
-            if not new:
-                self._resume()
-            else:
-                sync_folder(self.path.parent)
+            reading = read(path)
+            self.record, self._length, self._last = reading.record, reading.length, reading.last
+            if reading.torn:
+                self.notes.append(f"{path}, {reading.torn}: the rest was cut off; its experiments run again")
+                os.ftruncate(self._file, reading.length)
+                self.sync()
+            if new:
+                sync_folder(path.parent)
         except BaseException:
             os.close(self._file)
             raise
@@ -243,14 +244,6 @@ class Journal:
                 f"{self.path.parent}: this file system has no locks ({error.strerror}): "
                 "make sure that no other process runs this race"
             )
-
-    def _resume(self) -> None:
-        reading = read(self.path)
-        self.record, self._length, self._last = reading.record, reading.length, reading.last
-        if reading.torn:
-            self.notes.append(f"{self.path}, {reading.torn}: the rest was cut off; its experiments run again")
-            os.ftruncate(self._file, reading.length)
-            self.sync()
 
 
 def is_locked(path: Path) -> bool:

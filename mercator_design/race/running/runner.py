@@ -144,11 +144,11 @@ class RaceRun(Generic[T]):
         yield from self._advance()
         for place, result in self._executor.run(self.problem.function, Items(self._next_item, lambda: len(self._todo))):
             experiment = self._under_way.pop(place)
-            is_run = self.problem.evaluate is not None and not read_result(result)[2]
-            if experiment in self._missing and not is_run:
+            failed = bool(read_result(result)[2])
+            if experiment in self._missing and (failed or self.problem.evaluate is None):
                 self._finish(experiment, result)
-            else:
-                self._keep(experiment, result)
+            elif isinstance(result, Measurement) and not failed:  # a failure runs again if the race asks for it
+                self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
             yield from self._advance()
         if self._failures:
             raise self._failures[min(self._failures)]
@@ -354,11 +354,6 @@ class RaceRun(Generic[T]):
             outcome=outcome,
             failure=failure,
         )
-
-    def _keep(self, experiment: Experiment, result: Measurement | Failed) -> None:
-        """Record a speculative experiment; a failure is not recorded, because it runs again if the race asks for it."""
-        if not read_result(result)[2] and isinstance(result, Measurement):
-            self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
 
     def _note_configurations(self) -> None:
         values, parents, record = self._optimizer.configurations, self._optimizer.parents, self._record

@@ -255,6 +255,7 @@ class Designer(Task[tuple[Pfsm, int]]):
 def header_of(simulator: Simulator) -> dict[str, str]:
     """What an fsm.txt for a mission and its robots says of them."""
     mission, model = simulator.mission, simulator.robot_model
+    unusual = model.reference_model._asdict().items() - ReferenceModel()._asdict().items()
     header = {
         "mission": mission.name,
         "mission digest": mission.digest,
@@ -264,7 +265,7 @@ def header_of(simulator: Simulator) -> dict[str, str]:
         "control software": control_digest(),
         "control period": str(mission.control_period),
         "maximum speed": str(model.drive.maximum_speed),
-        "reference model": json.dumps(_unusual(model.reference_model)),
+        "reference model": json.dumps(dict(sorted(unusual))),
         "floor": ", ".join(robot_labels(mission.floor, model)),
     }
     if plugins := loaded_plugins():
@@ -284,8 +285,3 @@ def mission_space(simulator: Simulator, flavour: str) -> Space:
 def _space(flavour: str) -> Space:
     """All PFSMs of a flavour."""
     return parse_space(parameters_text(flavour), "grammar")
-
-
-def _unusual(model: ReferenceModel) -> dict[str, float]:
-    """The constants that differ from the usual, by name."""
-    return dict(sorted(set(model._asdict().items()) - set(ReferenceModel()._asdict().items())))

@@ -236,10 +236,6 @@ def _t_test(costs: Floats, alpha: float, *, adjust: Callable[[Floats], Floats]) 
     return Verdict(p_values >= alpha, _row_ranks(means), best, float(p_values.min()))
 
 
-def _bonferroni(p_values: Floats) -> Floats:
-    return np.minimum(1.0, len(p_values) * p_values)
-
-
 def holm(p_values: Floats) -> Floats:
     """Holm's correction of p-values."""
     order = p_values.argsort(kind="stable")
@@ -253,5 +249,5 @@ _TESTS: dict[TestName, Callable[[Floats, float], Verdict]] = {
     "friedman": _friedman,
     "t-test": partial(_t_test, adjust=lambda p_values: p_values),
     "t-test-holm": partial(_t_test, adjust=holm),
-    "t-test-bonferroni": partial(_t_test, adjust=_bonferroni),
+    "t-test-bonferroni": partial(_t_test, adjust=lambda p_values: np.minimum(1.0, len(p_values) * p_values)),
 }

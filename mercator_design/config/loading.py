@@ -107,6 +107,7 @@ def parse(
 
     Without `files`, the text may not name files. Without `lines`, errors do not name the line.
     """
+    mistakes: list[str] = []
     try:
         tree, mistakes = compose_all(text, label, (folder or Path.cwd()) if files else None, lines=lines)
         if find_base is not None:
@@ -120,23 +121,14 @@ def parse(
         if isinstance(tree.content, dict):
             given = {key: dataclasses.replace(tree, content=text) for key, text in defaults.items()}
             tree.content = given | tree.content
-        value = _built(tree, kind, mistakes)
+        value: object = build(tree, kind)
     except Fault as fault:
-        raise error(*_in_order(fault.args, label)) from None
+        raise error(*_in_order([*mistakes, *fault.args], label)) from None
+    if mistakes:
+        raise error(*_in_order(mistakes, label))
     if isinstance(value, FromFile):
         object.__setattr__(value, "tree", tree)
     return typing.cast("T", value)
-
-
-def _built(tree: Node, kind: Kind, mistakes: Sequence[str]) -> object:
-    """The dataclass of a tree in which some mistakes were found already."""
-    try:
-        value: object = build(tree, kind)
-    except Fault as fault:
-        raise Fault(*mistakes, *fault.args) from None
-    if mistakes:
-        raise Fault(*mistakes)
-    return value
 
 
 def _in_order(mistakes: Sequence[str], label: str) -> list[str]:

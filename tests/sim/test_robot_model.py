@@ -99,3 +99,11 @@ def test_unknown_model():
         load_robot_model("mercater")
     with pytest.raises(MissionError, match="no such file"):
         load_robot_model("/nowhere/at/all.yaml")
+
+
+def test_all_mistakes_of_a_model_with_a_wrong_base(tmp_path):
+    file = tmp_path / "model.yaml"
+    file.write_text("base: *other\nname: &own mine\n")
+    with pytest.raises(MissionError) as caught:
+        load_robot_model(str(file))
+    assert [message.split(": ")[0] for message in caught.value.messages] == [f"{file}:1", f"{file}:2"]

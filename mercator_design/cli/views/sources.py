@@ -40,6 +40,32 @@ class StartingPose(click.ParamType):  # type: ignore[type-arg]  # has no argumen
 def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
     """Give a verb the options that say what to show; it is called with `shown`, a list of experiments."""
 
+    @click.argument("sources", nargs=-1, required=True, type=FILE, metavar="FSM|TRACE|LOG...")
+    @click.option(
+        "--compare",
+        multiple=True,
+        type=FILE,
+        metavar="FSM",
+        help="Show another controller on the same instance, too. May be repeated.",
+    )
+    @click.option("--fsm", type=FILE, help="The controller of a TRACE, to name its states.")
+    @click.option(
+        "--start",
+        "starts",
+        multiple=True,
+        type=StartingPose(),
+        help="Where the robot of a LOG began; once for each LOG.  [default: poses of the mission's instance]",
+    )
+    @click.option(
+        "--mission",
+        help="YAML file or name of a shipped mission.  [default: the mission in FSM's header; none for logs]",
+    )
+    @seed_of("Seed of the instance: one of the `seeds` that evaluate --json lists.")
+    @ROBOT_MODEL
+    @FLAVOUR
+    @LENIENT
+    @SET
+    @PLUGIN
     @functools.wraps(verb)
     def with_experiments(
         sources: tuple[Path, ...],
@@ -91,36 +117,6 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
             )
         verb(shown=[shown], **others)
 
-    options = (
-        click.argument("sources", nargs=-1, required=True, type=FILE, metavar="FSM|TRACE|LOG..."),
-        click.option(
-            "--compare",
-            multiple=True,
-            type=FILE,
-            metavar="FSM",
-            help="Show another controller on the same instance, too. May be repeated.",
-        ),
-        click.option("--fsm", type=FILE, help="The controller of a TRACE, to name its states."),
-        click.option(
-            "--start",
-            "starts",
-            multiple=True,
-            type=StartingPose(),
-            help="Where the robot of a LOG began; once for each LOG.  [default: poses of the mission's instance]",
-        ),
-        click.option(
-            "--mission",
-            help="YAML file or name of a shipped mission.  [default: the mission in FSM's header; none for logs]",
-        ),
-        seed_of("Seed of the instance: one of the `seeds` that evaluate --json lists."),
-        ROBOT_MODEL,
-        FLAVOUR,
-        LENIENT,
-        SET,
-        PLUGIN,
-    )
-    for option in reversed(options):
-        with_experiments = option(with_experiments)
     return with_experiments
 
 

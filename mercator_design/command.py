@@ -9,7 +9,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -218,7 +218,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(sorted(lines.items()))
 
 
-def warn(messages: Iterable[str]) -> None:
+def warn(*messages: str) -> None:
     """Print warnings."""
     for message in messages:
         print_message(f"Warning: {message}")
@@ -235,10 +235,10 @@ def naming_header(fsm: Path) -> Iterator[None]:
 
 def read_controllers(path: Path, flavour: str | None, *, lenient: bool) -> dict[str, FsmFile]:
     """Read a file of one or several PFSMs, as `read_controller`; by name: that of the file, perhaps with the line."""
-    found = read_fsms(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)
+    found = read_fsms(path, flavour, tolerate=(lambda what: warn(f"{path}: {what}")) if lenient else None)
     return {f"{path}:{line}" if len(found) > 1 else str(path): file for line, file in found.items()}
 
 
 def read_controller(path: Path, flavour: str | None, *, lenient: bool) -> FsmFile:
     """Read an fsm.txt; warn of deviations that are tolerated."""
-    return read_fsm(path, flavour, tolerate=(lambda what: warn([f"{path}: {what}"])) if lenient else None)
+    return read_fsm(path, flavour, tolerate=(lambda what: warn(f"{path}: {what}")) if lenient else None)

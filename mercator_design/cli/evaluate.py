@@ -113,7 +113,7 @@ def evaluate(
     loaded = simulator.mission
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
-        warn(_without_effect(pfsms, simulator))
+        warn(*_without_effect(pfsms, simulator))
     simulator.rehearse(announce=ignore if cost_alone else print_note)
     seeds = instances or fresh_instances(seed, runs)
     if cost_alone and progress == "auto":
@@ -182,8 +182,7 @@ def _controllers(
     if fsm_config is not None:
         if given["mission"] is None:
             raise click.UsageError("--fsm-config needs --mission")
-        tolerate = (lambda what: warn([what])) if lenient else None
-        pfsm = parse(fsm_config, flavour or FLAVOURS[0], tolerate=tolerate)
+        pfsm = parse(fsm_config, flavour or FLAVOURS[0], tolerate=warn if lenient else None)
         return {"fsm": pfsm}, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
     pfsms: dict[str, Pfsm] = {}
     simulator: Simulator | None = None

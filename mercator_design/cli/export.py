@@ -55,7 +55,7 @@ def irace(
     designer.prepare(print_message)
     write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
     for note in designer.optimizer.notes:
-        print_message(f"Warning: R's irace refuses this scenario: {note}")
+        warn(f"R's irace refuses this scenario: {note}")
     print_result(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")
 
 
@@ -84,7 +84,7 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     """
 
     def write(file: BinaryIO) -> list[str]:
-        return write_csv(logs, file, lambda message: warn([message]))
+        return write_csv(logs, file, warn)
 
     if output != Path("-"):
         _write(logs, output, write)

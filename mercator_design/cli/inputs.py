@@ -29,7 +29,7 @@ def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
 
 def warn_of_no_effect(simulator: Simulator, flavour: str, pfsm: Pfsm | None = None) -> None:
     """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
-    warn(no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
+    warn(*no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
 
 
 def warn_of_mission(simulator: Simulator, *, refuse: bool) -> None:
@@ -38,7 +38,7 @@ def warn_of_mission(simulator: Simulator, *, refuse: bool) -> None:
     Raises:
         MissionError: Something is impossible, and it is to be refused.
     """
-    warn(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible))
+    warn(*(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible)))
     if refuse:
         simulator.refuse_impossible()
 
@@ -51,7 +51,7 @@ class Given(TypedDict):
     overrides: tuple[str, ...]
 
 
-def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[Iterable[str]], None] = warn) -> Simulator:
+def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str], None] = warn) -> Simulator:
     """The simulator for a controller, with the mission and robot model that the user gives or that its header names.
 
     The header has digests of the raced mission and robot model. Those that the header names must have these digests.
@@ -64,22 +64,22 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[Iter
     header, origin = file.header, origin_of(fsm, file.header)
     mission = _mission_of(origin, given["mission"], given["overrides"])
     simulator = new_simulator(mission, given["robot_model"])
-    is_raced = header.get("mission digest") in {None, mission.digest}
-    if given["mission"] is not None and not given["overrides"] and header.get("mission") == mission.name:
-        warn([] if is_raced else [f"{fsm}: was designed for another mission of the name {excerpt(mission.name)}"])
+    is_other = header.get("mission") == mission.name and header.get("mission digest") not in {None, mission.digest}
+    if is_other and given["mission"] is not None and not given["overrides"]:
+        warn(f"{fsm}: was designed for another mission of the name {excerpt(mission.name)}")
     if given["robot_model"] is not None or "robot_model" in map(_key, given["overrides"]):
         return simulator
     name = excerpt(simulator.robot_model.name)
     differs = origin.what_differs(simulator.robot_model)
     if differs is None:
-        warn([f"{fsm}: has no digest of its robot model: it cannot be checked whether {name} has changed"])
+        warn(f"{fsm}: has no digest of its robot model: it cannot be checked whether {name} has changed")
     if not differs:
         return simulator
     if given["mission"] is None:
         what = f"the robot model {name} has changed since this was designed ({differs})"
         raise MissionError(f"{fsm}: {what}; to use it as it is now, give --robot-model {mission.robot_model}")
     designed = excerpt(header.get("robot model", "another"))
-    warn([f"{fsm}: was designed for another version of the robot model {designed} than the present {name}"])
+    warn(f"{fsm}: was designed for another version of the robot model {designed} than the present {name}")
     return simulator
 
 
@@ -149,7 +149,7 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
         what = changed or f"{excerpt(named)} has changed since this was designed; give --mission"
         raise MissionError(f"{fsm}: {what}")
     if changed:
-        warn([f"{changed}; {excerpt(named)} is used"])
+        warn(f"{changed}; {excerpt(named)} is used")
     return parse_mission(dump(mission), name=named, overrides=overrides) if overrides else mission
 
 

@@ -66,7 +66,7 @@ class Origin:
             return
         if refuse:
             raise MissionError(f"{self.file}: {self._edited(name)}; it was not run; give --mission to use it")
-        warn([f"{self.file}: {self._edited(name)}; the present version is used"])
+        warn(f"{self.file}: {self._edited(name)}; the present version is used")
 
     @staticmethod
     def _edited(name: str) -> str:

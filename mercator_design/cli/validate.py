@@ -58,14 +58,14 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             return _described(file, flavour, lenient)
         if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
             model = load_robot_model(str(file))
-            warn([*model_warnings(model), *(warning.message for warning in angle_warnings(model))])
+            warn(*model_warnings(model), *(warning.message for warning in angle_warnings(model)))
             return f"valid robot model {model.name}"
         mission = load_mission(str(file))
         simulator = new_simulator(mission, None)
         simulator.check_placement()
         warn_of_mission(simulator, refuse=True)
         model = simulator.robot_model
-        warn([*model_warnings(model), *swarm_warnings(mission, model), *floor_warnings(mission, model)])
+        warn(*model_warnings(model), *swarm_warnings(mission, model), *floor_warnings(mission, model))
         dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
         never = f"; never fires there: {dead}" if dead else ""
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 from mercator_design.cli.options import FOLDER
 from mercator_design.cli.races.reporting import write_report
 from mercator_design.cli.terminal import Interrupt, terminal_width
-from mercator_design.command import print_message, print_note, print_result
+from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, to_json
@@ -216,7 +216,7 @@ def _report(
         interrupt.check(f"{folder.path}: the race has ended, its report is not written; {later}")
         raise
     except Exception as error:  # noqa: BLE001 - whatever is wrong with the report, the race is right
-        print_message(f"Warning: the report is not written: {described(error)}; {later}")
+        warn(f"the report is not written: {described(error)}; {later}")
     else:
         print_result(f"Report     {output}", err=err)
 
@@ -237,9 +237,7 @@ class _Messages:
                 command = self._folder.keep_failed(event)
                 self._n_failed += 1
                 if self._n_failed <= _MAX_WARNINGS:
-                    print_message(
-                        f"Warning: configuration {event.configuration} is rejected: {event.failure}; see {command}"
-                    )
+                    warn(f"configuration {event.configuration} is rejected: {event.failure}; see {command}")
             case IterationEnded() if event.note and event.iteration not in self._known_iterations:
                 print_note(f"Note: iteration {event.iteration}: {event.note}")
 
@@ -254,5 +252,5 @@ def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[Op
         f"{task.name}, seed {task.optimizer.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
         task.optimizer,
         maximise=task.maximise,
-        warn=lambda what: print_message(f"Warning: {what}"),
+        warn=warn,
     )

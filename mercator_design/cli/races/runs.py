@@ -71,7 +71,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
         return
     table, notes = runs_table(folder, terminal_width())
     print_result(table)
-    warn(notes)
+    warn(*notes)
 
 
 @runs.command(short_help="Show a race and its results.")

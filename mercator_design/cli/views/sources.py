@@ -112,9 +112,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
             shown = read_trace(sources[0], simulator, seed, pfsm, names=names)
         else:
             model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
-            shown = read_logs(
-                sources, model, simulator=simulator, seed=seed, starts=starts, warn=lambda message: warn([message])
-            )
+            shown = read_logs(sources, model, simulator=simulator, seed=seed, starts=starts, warn=warn)
         verb(shown=[shown], **others)
 
     return with_experiments

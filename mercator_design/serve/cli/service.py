@@ -38,5 +38,5 @@ def connected(server: str) -> Connection:
     server = checked_address(server)
     connection = Connection(server, token_for(server))
     if connection.sends_openly:
-        warn([f"{server}: your token is not protected on the way there; use an https address"])
+        warn(f"{server}: your token is not protected on the way there; use an https address")
     return connection

@@ -81,7 +81,7 @@ def submit(
                 if not left:
                     raise
                 time.sleep(1.0)
-        warn(answer["warnings"])
+        warn(*answer["warnings"])
         job = answer["job"]
         print_result(json.dumps(job, indent=2) if as_json else job["id"])
         print_message(f"Submitted; its page: {connection.page(job['id'])}")

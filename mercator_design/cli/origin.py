@@ -21,7 +21,7 @@ class Origin:
 
     file: Path
     header: Mapping[str, str]
-    folder: Path | None  # of its race
+    folder: Path  # of its race
     race: Mapping[str, Any]  # the start of its race, from the folder's provenance; empty if there is none
 
     def plugins(self) -> Iterator[tuple[str, str]]:
@@ -43,18 +43,12 @@ class Origin:
         loaded = loaded_plugins()
         for name, digest in self.plugins():
             if name not in loaded:
-                place = self._copy(name)
-                advice = f"give --plugin {shlex.quote(str(place))}" if place else "give that file with --plugin"
+                copy = self.folder / "plugins" / name
+                is_there = Path(name).name == name and copy.is_file()
+                advice = f"give --plugin {shlex.quote(str(copy))}" if is_there else "give that file with --plugin"
                 raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {advice}, or --mission")
             if loaded[name] != digest:
                 raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")
-
-    def _copy(self, name: str) -> Path | None:
-        """A plugin's file in the run folder; None if it is missing."""
-        if self.folder is None or Path(name).name != name:
-            return None
-        file = self.folder / "plugins" / name
-        return file if file.is_file() else None
 
     def check_plugin(self, name: str, digest: str, *, refuse: bool) -> None:
         """Refuse a plugin that has changed since the design, or warn of it.

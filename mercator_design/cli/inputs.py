@@ -67,7 +67,8 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
     is_other = header.get("mission") == mission.name and header.get("mission digest") not in {None, mission.digest}
     if is_other and given["mission"] is not None and not given["overrides"]:
         warn(f"{fsm}: was designed for another mission of the name {excerpt(mission.name)}")
-    if given["robot_model"] is not None or "robot_model" in map(_key, given["overrides"]):
+    sets_model = any(each.partition("=")[0].strip() == "robot_model" for each in given["overrides"])
+    if sets_model or given["robot_model"] is not None:
         return simulator
     name = excerpt(simulator.robot_model.name)
     differs = origin.what_differs(simulator.robot_model)
@@ -114,11 +115,6 @@ def load_plugins(files: Iterable[Path], arguments: Mapping[str, Any]) -> None:
 
 def ignore(_: object) -> None:
     """Ignore a warning."""
-
-
-def _key(assignment: str) -> str:
-    """The key that an override sets."""
-    return assignment.partition("=")[0].strip()
 
 
 def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> Mission:

@@ -39,11 +39,7 @@ class Checked:
         if self.failure:
             return "?"
         if column == "clock":
-            ahead, uncertainty = self.clock.difference.ahead, self.clock.difference.uncertainty
-            if not len(self.clock):
-                return "?"
-            side = "ahead" if ahead > 0.0 else "behind"
-            return f"{abs(ahead):.3f} s {side}, give or take {1000.0 * uncertainty:.1f} ms"
+            return str(self.clock.difference) if len(self.clock) else "?"
         device, quantity = COLUMNS[column]
         for shown in (quantity, "presence"):
             for found in self.findings:

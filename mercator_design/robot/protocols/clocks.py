@@ -28,6 +28,10 @@ class Difference(NamedTuple):
     ahead: float  # [s] by which the other's time of day is ahead of this one's
     uncertainty: float  # [s] upper limit of the error of both
 
+    def __str__(self) -> str:
+        side = "ahead" if self.ahead > 0.0 else "behind"
+        return f"{abs(self.ahead):.3f} s {side}, give or take {1000.0 * self.uncertainty:.1f} ms"
+
 
 def to_line(say: str, **values: object) -> str:
     """The line of a message, by its kind and its values."""

@@ -19,7 +19,6 @@ from mercator_design import __version__
 from mercator_design.errors import RaceError
 from mercator_design.race.irace.scenario_options import OPTIONS, TESTS
 from mercator_design.race.irace.tuner import Tuner
-from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
 from mercator_design.race.space.expressions import Expression
@@ -249,18 +248,16 @@ def _testing(task: Task[Any], record: Record) -> dict[str, Any]:
     """The tests, if there are any."""
     if not record.tests:
         return {}
-    configurations = list(dict.fromkeys(where.configuration for where in record.tests))
+    numbers = dict.fromkeys(where.configuration for where in record.tests)
+    columns = {number: column for column, number in enumerate(numbers)}
     n_instances = 1 + max(where.instance for where in record.tests)
-    table = np.full((n_instances, len(configurations)), _NA)
-    for column, number in enumerate(configurations):
-        for row in range(n_instances):
-            test = record.tests.get(Experiment(number, row))
-            if test is not None:
-                table[row, column] = np.inf if test.score is None else task.cost(test.score)
+    table = np.full((n_instances, len(columns)), _NA)
+    for where, test in record.tests.items():
+        table[where.instance, columns[where.configuration]] = np.inf if test.score is None else task.cost(test.score)
     names = [f"{number + 1}t" for number in range(n_instances)]
     seeds = _integers([task.test_seed(number) for number in range(n_instances)])
-    columns = [str(number + 1) for number in configurations]
-    return {"testing": {"experiments": _matrix(table, names, columns), "seeds": _vector(seeds, names)}}
+    costs = _matrix(table, names, [str(number + 1) for number in columns])
+    return {"testing": {"experiments": costs, "seeds": _vector(seeds, names)}}
 
 
 def _r_object(data: _RValue, converter: Any) -> "RObject":  # noqa: ANN401 - rdata's converter

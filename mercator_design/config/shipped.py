@@ -1,5 +1,6 @@
 """The missions and robot models that come with the package, and how a name or a path finds its file."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -26,7 +27,8 @@ def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
     Raises:
         MissionError: if it is neither, with the nearest known name.
     """
-    return Path(text) if not is_name(text) or _is_file(text) else shipped[named(text, shipped, kind)]
+    is_path = not is_name(text) or os.path.isfile(text)  # noqa: PTH113 - which raises if the name is too long
+    return Path(text) if is_path else shipped[named(text, shipped, kind)]
 
 
 def named(text: str, shipped: Mapping[str, Path], kind: str) -> str:
@@ -41,13 +43,6 @@ def named(text: str, shipped: Mapping[str, Path], kind: str) -> str:
         hint = f"did you mean '{near}'?" if near else f"shipped are: {', '.join(shipped)}"
         raise MissionError(f"{excerpt(text)}: no such {kind}; {hint}")
     return name
-
-
-def _is_file(text: str) -> bool:
-    try:
-        return Path(text).is_file()
-    except (OSError, ValueError):  # too long for a name of a file, or a NUL in it
-        return False
 
 
 def _folder() -> Path:

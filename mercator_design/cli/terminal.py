@@ -60,21 +60,29 @@ class Interrupt:
     Args:
         then: Called at the first signal.
         notice: Printed when `came` is first called after a signal.
+        stopped: Printed if a signal has stopped an executor.
     """
 
-    def __init__(self, *, then: Callable[[], None] = lambda: None, notice: str = "") -> None:
+    def __init__(
+        self, *, then: Callable[[], None] = lambda: None, notice: str = "", stopped: str = "interrupted"
+    ) -> None:
         self._came: int | None = None
         self._then = then
         self._notice = notice
+        self._stopped = stopped
 
     def __enter__(self) -> Self:
         numbers = (signal.SIGINT, signal.SIGTERM, *_hang_up())
         self._usual = {number: signal.signal(number, self._note) for number in numbers}
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: object, __: object) -> None:
+        from mercator_design.race.running.executors import ExecutorStopped  # not for `terminable`: numpy comes with it
+
         for number, handler in self._usual.items():
             signal.signal(number, handler)
+        if isinstance(error, ExecutorStopped):
+            self.check(self._stopped)
 
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
         self._came = number

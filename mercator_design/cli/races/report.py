@@ -8,7 +8,6 @@ from mercator_design.cli.options import FOLDER, JOBS, PLUGIN
 from mercator_design.cli.races.reporting import PROOF_RUNS, latest_report, write_report
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import OUTPUT_FILE, print_message, print_result
-from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.report.page.page import REPORT
 
 
@@ -40,11 +39,7 @@ def report(
         return
     output = output or directory / REPORT
     with Interrupt() as interrupt:
-        try:
-            write_report(directory, output, proof_runs=proof_runs, jobs=jobs, stopped=interrupt.came)
-        except ExecutorStopped:
-            interrupt.check("interrupted")
-            raise
+        write_report(directory, output, proof_runs=proof_runs, jobs=jobs, stopped=interrupt.came)
     print_result(output)
 
 

@@ -1,10 +1,7 @@
 """mdesign runs: shows, compares and analyses the run folders of races."""
 
-import contextlib
 import json
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -15,8 +12,7 @@ from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
-from mercator_design.race.running.executors import Executor, ExecutorStopped, available_jobs
-from mercator_design.race.running.task import Task
+from mercator_design.race.running.executors import available_jobs
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.analysis import (
     ABLATION,
@@ -36,18 +32,6 @@ from mercator_design.runs.verification import verify as verify_run
 from mercator_design.system.files import write_text, writing
 
 _TABLES = {"experiments": experiments_table, "configurations": configurations_table, "tests": tests_table}
-
-
-@contextlib.contextmanager
-def _stoppable(task: Task[Any], jobs: int | None) -> Iterator[tuple[Executor, Callable[[], bool]]]:
-    """The executor of a task's experiments, and a function that returns whether to stop."""
-    with Interrupt(then=task.stop) as interrupt:
-        try:
-            with ThreadExecutor(jobs or available_jobs()) as executor:
-                yield executor, interrupt.came
-        except ExecutorStopped:
-            interrupt.check("interrupted")
-            raise
 
 
 @click.group(invoke_without_command=True)
@@ -146,8 +130,8 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     The exit code is 1 if a result differs.
     """
     task = restored(directory)
-    with _stoppable(task, jobs) as (executor, stopped):
-        for line in verify_run(directory, task, number, executor, announce=print_message, stopped=stopped):
+    with Interrupt(then=task.stop) as interrupt, ThreadExecutor(jobs or available_jobs()) as executor:
+        for line in verify_run(directory, task, number, executor, announce=print_message, stopped=interrupt.came):
             print_result(line)
 
 
@@ -201,7 +185,8 @@ def ablation(
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
     task = restored(directory)
-    with _stoppable(task, jobs) as (executor, stopped), AblationDisplay() as display:
+    pool = ThreadExecutor(jobs or available_jobs())
+    with Interrupt(then=task.stop) as interrupt, pool as executor, AblationDisplay() as display:
         result = analysis.ablation(
             directory,
             task,
@@ -211,7 +196,7 @@ def ablation(
             runs=runs,
             announce=print_message,
             watch=display.update,
-            stopped=stopped,
+            stopped=interrupt.came,
         )
     print_result(ablation_csv(result) if as_csv else ablation_page(result, terminal_width()), nl=False)
     if result.simplifies:

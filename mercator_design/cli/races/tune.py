@@ -32,7 +32,7 @@ from mercator_design.race.irace.scenario_text import Assignment
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import ExecutorStopped, Failed, Rejected
+from mercator_design.race.running.executors import Failed, Rejected
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.columns import aligned
@@ -212,12 +212,8 @@ def _only_test(tuner: Tuner, file: Path, output: Path | None, jobs: int, on_fail
         print_note(f"Note: {note}")
     if not configurations:
         raise MercatorError(f"{file}: expected configurations, found none")
-    with Interrupt(then=tuner.stop) as interrupt, ThreadExecutor(jobs) as executor:
-        try:
-            costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
-        except ExecutorStopped:
-            interrupt.check("Tests are not saved")
-            raise
+    with Interrupt(then=tuner.stop, stopped="Tests are not saved") as interrupt, ThreadExecutor(jobs) as executor:
+        costs = tuner.test(configurations, executor, on_failure=on_failure, stopped=interrupt.came)
     rows: list[list[object]] = [["test instance", "seed", *range(1, len(configurations) + 1)]]
     for number, instance in enumerate(instances):
         rows.append([instance, tuner.test_seed(number), *(f"{of[number]:.15g}" for of in costs)])

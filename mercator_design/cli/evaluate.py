@@ -11,9 +11,9 @@ from mercator_design.analysis.swarm import evaluate_with_stats
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission
-from mercator_design.cli.options import CSV, JOBS, JSON, MISSION, PLUGIN, PROGRESS, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.options import CONTROLLER, CSV, JOBS, JSON, MISSION, PROGRESS, SEED
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_note, print_result, read_controllers, warn
+from mercator_design.command import FILE, print_note, print_result, read_controllers, warn
 from mercator_design.config.writing import digest_of
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
@@ -49,11 +49,7 @@ from mercator_design.sim.simulate import Simulator
     help="Run on the instance of this seed instead of fresh instances. May be repeated.",
 )
 @JOBS
-@ROBOT_MODEL
-@FLAVOUR
-@LENIENT
-@SET
-@PLUGIN
+@CONTROLLER
 @click.option(
     "--stats",
     is_flag=True,

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import load_plugins
-from mercator_design.command import FILE, OutputFile
+from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.report.progress import MODES
 
@@ -64,6 +64,11 @@ def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as
         metavar="FILE.py",
         help="Python file with more objectives or floor dynamics for missions. May be repeated.",
     )(with_plugins)
+
+
+def CONTROLLER(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
+    """The options of a verb that runs a controller: how its file is read, and its robots and mission."""
+    return ROBOT_MODEL(FLAVOUR(LENIENT(SET(PLUGIN(verb)))))
 
 
 def PROGRESS(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it

@@ -6,8 +6,8 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import MISSION, PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, print_result, read_controller
+from mercator_design.cli.options import CONTROLLER, MISSION, seed_of
+from mercator_design.command import FILE, print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
@@ -31,11 +31,7 @@ from mercator_design.system.files import replacing, writing
 )
 @MISSION
 @seed_of("Seed of the experiment: one of the `seeds` that evaluate --json lists.")
-@ROBOT_MODEL
-@FLAVOUR
-@LENIENT
-@SET
-@PLUGIN
+@CONTROLLER
 def record(
     fsm: Path,
     output: Path,

@@ -8,8 +8,8 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, ignore, simulator_of
-from mercator_design.cli.options import JSON, MISSION, PLUGIN, ROBOT_MODEL, SET
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result
+from mercator_design.cli.options import CONTROLLER, JSON, MISSION
+from mercator_design.command import FILE, print_result
 from mercator_design.errors import FsmError
 from mercator_design.fsm.files import read_fsm
 from mercator_design.sim.checks.lint import lint as findings_of
@@ -19,11 +19,7 @@ from mercator_design.sim.robot_model import load_robot_model
 @click.command()
 @click.argument("fsm", type=FILE)
 @MISSION
-@ROBOT_MODEL
-@FLAVOUR
-@LENIENT
-@SET
-@PLUGIN
+@CONTROLLER
 @JSON
 def lint(fsm: Path, flavour: str | None, lenient: bool, as_json: bool, **given: Unpack[Given]) -> None:
     """Find what is wrong or superfluous in a PFSM, on its mission if one is known.

@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_message, read_controller, warn
+from mercator_design.cli.options import CONTROLLER, seed_of
+from mercator_design.command import FILE, print_message, read_controller, warn
 from mercator_design.designer import Designer
 from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
@@ -61,11 +61,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         help="YAML file or name of a shipped mission.  [default: the mission in FSM's header; none for logs]",
     )
     @seed_of("Seed of the instance: one of the `seeds` that evaluate --json lists.")
-    @ROBOT_MODEL
-    @FLAVOUR
-    @LENIENT
-    @SET
-    @PLUGIN
+    @CONTROLLER
     @functools.wraps(verb)
     def with_experiments(
         sources: tuple[Path, ...],

@@ -19,7 +19,7 @@ from mercator_design.config.building import Way, build, message
 from mercator_design.config.schema import FieldError, Kind
 from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_INTEGER, Fault, is_text, tree_of
 from mercator_design.errors import MercatorError
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import contents_of
 
 _MAX_SIZE = 16 * 1024 * 1024  # bytes of a file
 WRONG: Any = object()
@@ -59,10 +59,9 @@ def read_json(file: Path, kind: Kind, *, error: type[MercatorError]) -> Any:  # 
     Raises:
         error: as `from_json`; or the file is missing, is too large, or has no JSON.
     """
+    text = contents_of(file, _MAX_SIZE, error)
     try:
-        data = json.loads(read_small(file, _MAX_SIZE))
-    except Unreadable as wrong:
-        raise error(f"{file}: {wrong}") from None
+        data = json.loads(text)
     except (ValueError, RecursionError) as wrong:
         raise error(f"{file}: expected JSON, found something else: {wrong}") from None
     return from_json(data, kind, error=error, label=str(file))

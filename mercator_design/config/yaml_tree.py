@@ -17,7 +17,7 @@ import yaml
 
 from mercator_design.config import spelling
 from mercator_design.errors import excerpt
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import contents_of
 
 MAX_FILE_SIZE = 256 * 1024
 MAX_DEPTH = 32
@@ -89,10 +89,7 @@ def read_text(path: Path) -> str:
     Raises:
         Fault: with the path and what is wrong with the file.
     """
-    try:
-        data = read_small(path, MAX_FILE_SIZE)
-    except Unreadable as error:
-        raise Fault(f"{path}: {error}") from None
+    data = contents_of(path, MAX_FILE_SIZE, Fault)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -13,7 +13,7 @@ from mercator_design.errors import FsmError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import Tell, other_flavour, out_of_domain, parse, to_text
 from mercator_design.fsm.words.names import is_state_name, state_names
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import small_text
 
 _MAX_SIZE = 64 * 1024
 _MAX_SET = 4 * 1024 * 1024
@@ -48,7 +48,7 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     Raises:
         FsmError: naming file and line.
     """
-    return fsm_of(_contents(path, _MAX_SIZE), str(path), flavour, tolerate=tolerate)
+    return fsm_of(small_text(path, _MAX_SIZE, FsmError), str(path), flavour, tolerate=tolerate)
 
 
 def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
@@ -68,21 +68,11 @@ def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None =
     The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
     `read_fsm`.
     """
-    text = _contents(path, _MAX_SET)
+    text = small_text(path, _MAX_SET, FsmError)
     header, found = _lines(text)
     if _is_yaml(text) or len(found) < 2:
         return {1: read_fsm(path, flavour, tolerate=tolerate)}
     return {number: _read_line(number, line, header, str(path), flavour, tolerate) for number, line in found}
-
-
-def _contents(path: Path, max_size: int) -> str:
-    """The text of a file."""
-    try:
-        return read_small(path, max_size).decode("utf-8-sig")
-    except Unreadable as error:
-        raise FsmError(f"{path}: {error}") from None
-    except UnicodeDecodeError as error:
-        raise FsmError(f"{path}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
 
 
 def _is_yaml(text: str) -> bool:

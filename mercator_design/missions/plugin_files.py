@@ -16,7 +16,7 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path, PurePosixPath
 
 from mercator_design.errors import MissionError
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import contents_of
 
 _MAX_SIZE = 1024 * 1024  # [bytes] of a file
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of installed packages
@@ -64,7 +64,7 @@ def read_plugin(path: Path) -> Plugin:
     Raises:
         MissionError: if a file cannot be read.
     """
-    source = _read(path)
+    source = contents_of(path, _MAX_SIZE, MissionError)
     file = path.resolve()
     modules: dict[str, bytes] = {}
     todo = [("", source)]  # packages, and sources of their modules
@@ -73,17 +73,11 @@ def read_plugin(path: Path) -> Plugin:
         for name in _imported(text, package):
             for module in _found(file.parent, name):
                 if module not in modules:
-                    modules[module] = _read(file.parent / module) if (file.parent / module).exists() else b""
+                    place = file.parent / module
+                    modules[module] = contents_of(place, _MAX_SIZE, MissionError) if place.exists() else b""
                     within = _module_name(module) if module.endswith("/__init__.py") else _module_name(module, up=True)
                     todo.append((within, modules[module]))
     return Plugin(file=file, source=source, modules=modules)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return read_small(path, _MAX_SIZE)
-    except Unreadable as error:
-        raise MissionError(f"{path}: {error}") from None
 
 
 def _module_name(path: str, *, up: bool = False) -> str:

@@ -42,6 +42,24 @@ def read_small(path: Path, max_size: int) -> bytes:
     raise Unreadable(wrong)
 
 
+def contents_of(path: Path, max_size: int, error: type[Exception], label: str = "") -> bytes:
+    """As `read_small`; raises an error of the given class, which names the path, or another label."""
+    try:
+        return read_small(path, max_size)
+    except Unreadable as wrong:
+        raise error(f"{label or path}: {wrong}") from None
+
+
+def small_text(path: Path, max_size: int, error: type[Exception], label: str = "") -> str:
+    """The text of a UTF-8 file; errors are those of `contents_of`."""
+    data = contents_of(path, max_size, error, label)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as wrong:
+        found = f"found the byte 0x{data[wrong.start]:02x}"
+        raise error(f"{label or path}: expected UTF-8 text, {found}") from None
+
+
 @contextlib.contextmanager
 def writing(path: Path, error: type[MercatorError] = MercatorError) -> Iterator[None]:
     """Name the path that the user gave in errors on writing."""

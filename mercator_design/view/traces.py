@@ -14,7 +14,7 @@ from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
 from mercator_design.sim.simulate import Simulator
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import contents_of
 from mercator_design.view.experiment import MAX_CELLS, ShownExperiment, check_extent
 
 SUFFIXES = (".csv", ".npz")
@@ -43,10 +43,7 @@ def read_trace(
     Raises:
         MissionError: The file is not such a table, or its states are not those of the PFSM.
     """
-    try:
-        data = io.BytesIO(read_small(path, _MAX_SIZE))
-    except Unreadable as error:
-        raise MissionError(f"{path}: {error}") from None
+    data = io.BytesIO(contents_of(path, _MAX_SIZE, MissionError))
     times, poses, states = (_read_npz if path.suffix.lower() == ".npz" else _read_csv)(path, data)
     period = _period(path, times)
     check_extent(path.name, len(times), states.shape[1], period)

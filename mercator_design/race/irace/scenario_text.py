@@ -17,7 +17,7 @@ from typing import Any
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.r_operators import number_text
-from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.files import small_text
 
 Setting = str | bool | float | tuple[Any, ...] | None
 """The value of an option; None is R's NULL and NA."""
@@ -52,13 +52,7 @@ def read_text(path: Path, option: str = "") -> str:
     Raises:
         RaceError: It cannot be read.
     """
-    where = f"{option}: {path}" if option else f"{path}"
-    try:
-        return read_small(path, _MAX_SIZE).decode("utf-8-sig")
-    except Unreadable as error:
-        raise RaceError(f"{where}: {error}") from None
-    except UnicodeDecodeError as error:
-        raise RaceError(f"{where}: expected UTF-8 text, found the byte 0x{error.object[error.start]:02x}") from None
+    return small_text(path, _MAX_SIZE, RaceError, f"{option}: {path}" if option else "")
 
 
 def read_assignments(text: str, source: str) -> list[Assignment]:

@@ -1,6 +1,5 @@
 """mdesign validate: checks files."""
 
-from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 import click
@@ -9,7 +8,7 @@ from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
-from mercator_design.config.schema import fields_of
+from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, read_text
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
@@ -48,7 +47,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         content = _content(file)
         keys = set(map(spelling.folded, content))
-        if _is_of_one_robot(keys):
+        if keys & _only_of(Settings, Mission, RobotModel):
             raise MissionError(
                 f"{file}: these are the settings of one robot, robot.yaml: mercator-robot check --robot {file}"
             )
@@ -56,7 +55,9 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             raise MissionError(f"{file}: these are addresses of robots, robots.yaml: mdesign deploy --robots {file}")
         if "states" in content:
             return _described(file, flavour, lenient)
-        if str(file) in shipped.robot_models() or _is_of_robot_model(keys):
+        # Keys of both and misspelt ones do not count.
+        of_models, of_missions = {"base", *_only_of(RobotModel, Mission)}, _only_of(Mission, RobotModel)
+        if str(file) in shipped.robot_models() or len(keys & of_models) > len(keys & of_missions):
             model = load_robot_model(str(file))
             warn(*model_warnings(model), *(warning.message for warning in angle_warnings(model)))
             return f"valid robot model {model.name}"
@@ -88,17 +89,10 @@ def _content(file: Path) -> dict[str, Node]:
     return content if isinstance(content, dict) else {}
 
 
-def _is_of_one_robot(keys: AbstractSet[str]) -> bool:
-    """Whether one of the keys exists only in robot.yaml."""
-    one_robot, mission, model = (set(map(spelling.folded, fields_of(kind))) for kind in (Settings, Mission, RobotModel))
-    return bool(keys & (one_robot - mission - model))
-
-
-def _is_of_robot_model(keys: AbstractSet[str]) -> bool:
-    """Whether more keys belong only to robot models than only to missions; misspelt keys do not count."""
-    model, mission = (set(map(spelling.folded, fields_of(kind))) for kind in (RobotModel, Mission))
-    model.add("base")
-    return len(keys & (model - mission)) > len(keys & (mission - model))
+def _only_of(kind: Kind, *others: Kind) -> set[str]:
+    """The keys of a kind of file that others do not have."""
+    own, *theirs = (map(spelling.folded, fields_of(each)) for each in (kind, *others))
+    return set(own).difference(*theirs)
 
 
 def _count(number: int, what: str) -> str:

@@ -9,8 +9,8 @@ from mercator_design.cli.options import FOLDER, PICTURE, PLUGIN, ROBOT_MODEL, SE
 from mercator_design.cli.terminal import command_line, terminal_width
 from mercator_design.command import print_result
 from mercator_design.config import shipped
-from mercator_design.config.loading import text_of
 from mercator_design.config.writing import dump
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission

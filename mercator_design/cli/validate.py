@@ -9,7 +9,7 @@ from mercator_design.cli.options import PLUGIN
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
-from mercator_design.config.yaml_tree import Fault, Node, compose, read_text
+from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import Mission, load_mission
@@ -83,7 +83,7 @@ def _described(file: Path, flavour: str | None, lenient: bool) -> str:
 def _content(file: Path) -> dict[str, Node]:
     """The keys of a YAML file; empty if it has none, or is not a YAML file."""
     try:
-        content = compose(read_text(file), str(file), file.parent).content
+        content = compose(text_of(file), str(file), file.parent).content
     except Fault:
         return {}
     return content if isinstance(content, dict) else {}

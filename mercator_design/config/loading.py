@@ -37,7 +37,7 @@ from mercator_design.config.yaml_tree import (
     compose_all,
     merge,
     override,
-    read_text,
+    text_of,
 )
 from mercator_design.errors import MercatorError, excerpt
 
@@ -69,25 +69,16 @@ def read(
     Raises:
         error: with file, line, path of the key, what was expected and what was found, for each mistake.
     """
-    folder = Path(path).parent
     return parse(
-        text_of(path, error=error),
+        text_of(Path(path), error=error),
         kind,
         error=error,
         label=str(path),
-        folder=folder,
+        folder=Path(path).parent,
         overrides=overrides,
         defaults=defaults,
         find_base=find_base,
     )
-
-
-def text_of(path: str | Path, *, error: type[MercatorError]) -> str:
-    """The text of a file that `read` accepts; errors are of the given class."""
-    try:
-        return read_text(Path(path))
-    except Fault as fault:
-        raise error(str(fault)) from None
 
 
 def parse(
@@ -156,7 +147,7 @@ def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
     file = str(path.resolve())
     if file in labels:
         raise Fault(message(base, way, f"{path} is based on itself"))
-    below = _on_base(compose(read_text(path), str(path), path.parent), find_base, [*labels, file])
+    below = _on_base(compose(text_of(path), str(path), path.parent), find_base, [*labels, file])
     if isinstance(below.content, dict):
         for key in ("name", "description"):  # are the base's own
             below.content.pop(key, None)

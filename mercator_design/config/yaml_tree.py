@@ -83,18 +83,18 @@ class Node:
         return node
 
 
-def read_text(path: Path) -> str:
+def text_of(path: Path, *, error: type[Exception] = Fault) -> str:
     """The text of a regular, small, UTF-8 file.
 
     Raises:
-        Fault: with the path and what is wrong with the file.
+        error: with the path and what is wrong with the file.
     """
-    data = contents_of(path, MAX_FILE_SIZE, Fault)
+    data = contents_of(path, MAX_FILE_SIZE, error)
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise Fault(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[error.start]:02x}") from None
+    except UnicodeDecodeError as wrong:
+        line = data.count(b"\n", 0, wrong.start) + 1
+        raise error(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[wrong.start]:02x}") from None
 
 
 def is_text(text: str) -> bool:

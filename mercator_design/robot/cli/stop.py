@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from mercator_design.command import FILE, print_message, print_result
-from mercator_design.config.loading import text_of
 from mercator_design.config.schema import FieldError
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
 from mercator_design.robot.cli.options import ROBOT, show
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, check_key

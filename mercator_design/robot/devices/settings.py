@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName, Levels
-from mercator_design.config.loading import parse, text_of
+from mercator_design.config.loading import parse
 from mercator_design.config.schema import FieldError, Length, Name, Range, checked
-from mercator_design.config.yaml_tree import FromFile
+from mercator_design.config.yaml_tree import FromFile, text_of
 from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.fsm.reference import ReferenceModel

@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 
 from mercator_design.config import spelling
-from mercator_design.config.loading import text_of
 from mercator_design.config.writing import plain
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.settings import parse_settings, read_settings
 from mercator_design.system.files import write_text

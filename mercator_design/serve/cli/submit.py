@@ -10,7 +10,7 @@ import click
 from mercator_design.cli.options import DESIGN_FLAVOUR, SEED, SET
 from mercator_design.cli.races.common import method_option
 from mercator_design.command import print_message, print_result, warn
-from mercator_design.config.loading import text_of
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import text_of
 from mercator_design.config.writing import digest_of, dump
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError, RaceError, excerpt, printable
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm

@@ -11,7 +11,7 @@ from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import text_of
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.report.missions import missions_facts
 from mercator_design.serve.desk.completion import Completions, completions

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
 from mercator_design.config import shipped
-from mercator_design.config.loading import text_of
+from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import METHODS

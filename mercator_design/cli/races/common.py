@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -116,14 +116,12 @@ def reopen(path: Path, task: str) -> RunFolder:
 
 def free_folder(name: str) -> Path:
     """Create the first of runs/NAME-1, -2, ... that does not exist."""
-    number = 1
+    number = 0
     while True:
+        number += 1
         folder = Path("runs") / f"{name}-{number}"
-        try:
+        with suppress(FileExistsError):
             folder.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        else:
             return folder
 
 

@@ -48,14 +48,9 @@ class Levels:
     step: float
 
     @property
-    def low(self) -> Floats:
-        """The lower end of each level's cell."""
-        return self.level - 0.5 * self.step
-
-    @property
-    def high(self) -> Floats:
-        """The upper end of each level's cell."""
-        return self.level + 0.5 * self.step
+    def edges(self) -> tuple[Floats, Floats]:
+        """The lower and the upper end of each level's cell."""
+        return self.level - 0.5 * self.step, self.level + 0.5 * self.step
 
     @property
     def counts(self) -> Numbers:
@@ -112,7 +107,7 @@ def fit_gaussian(levels: Levels) -> Fit:
     spread = levels.totals((levels.level - centres[levels.channel]) ** 2).sum() / n.sum()
     sd = float(np.sqrt(max(spread - levels.step**2 / 12.0, levels.step**2 / 20.0)))
     for _ in range(_MAX_STEPS):
-        a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
+        a, b = ((edge - centres[levels.channel]) / sd for edge in levels.edges)
         inside = _normal(a, b)
         density_a, density_b = (np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) for z in (a, b))
         first = levels.totals((density_a - density_b) / inside) / n
@@ -121,7 +116,7 @@ def fit_gaussian(levels: Levels) -> Fit:
         before, sd = sd, sd * float(np.sqrt(second - (n * first**2).sum() / n.sum()))
         if abs(sd - before) < _TOLERANCE * sd:
             break
-    a, b = ((edge - centres[levels.channel]) / sd for edge in (levels.low, levels.high))
+    a, b = ((edge - centres[levels.channel]) / sd for edge in levels.edges)
     return Fit(sd, centres, 0.0, float(levels.totals(np.log(_normal(a, b))).sum()))
 
 
@@ -244,7 +239,7 @@ def _simulated(levels: Levels, family: Family, fit: Fit, random: np.random.Gener
 def _distance(levels: Levels, family: Family, fit: Fit) -> float:
     """Kolmogorov's distance between the distributions of noise and measurements, at the middle of cells."""
     centres = fit.centres[levels.channel]
-    low, high = (family.cumulative(edge - centres, fit.parameter) for edge in (levels.low, levels.high))
+    low, high = (family.cumulative(edge - centres, fit.parameter) for edge in levels.edges)
     place = 0.5 * (low + high)
     order = np.argsort(place)
     below = np.cumsum(levels.count[order]) / levels.count.sum()

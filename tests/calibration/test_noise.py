@@ -57,7 +57,7 @@ def test_uniform_noise_is_recovered(case):
 
 def test_one_channel_is_fitted_as_scipy_fits_it():
     levels = measured(GAUSSIAN, 1, 300, 1.0, 0.8)
-    repeated = [np.repeat(edge, levels.count) for edge in (levels.low, levels.high)]
+    repeated = [np.repeat(edge, levels.count) for edge in levels.edges]
     mean, sd = stats.norm.fit(stats.CensoredData.interval_censored(*repeated))
     fit = fit_gaussian(levels)
     assert (fit.centres[0], fit.parameter) == pytest.approx((mean, sd), rel=1e-3)
@@ -77,7 +77,8 @@ def test_the_uniform_fit_is_the_most_likely_one(half_width):
     def cost(what):
         """Of one centre and half width, or of many, along further axes."""
         centre, half = np.asarray(what)[..., np.newaxis]
-        cells = np.minimum(levels.high, centre + half) - np.maximum(levels.low, centre - half)
+        low, high = levels.edges
+        cells = np.minimum(high, centre + half) - np.maximum(low, centre - half)
         possible = (cells.min(axis=-1) > 0.0) & (half[..., 0] > 0.0)
         likely = (levels.count * np.log(np.where(possible[..., np.newaxis], cells / (2.0 * half), 1.0))).sum(axis=-1)
         return np.where(possible, -likely, np.inf)

@@ -13,7 +13,7 @@ from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SE
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
 from mercator_design.exports.irace_log import write_irace_log
-from mercator_design.exports.irace_scenario import irace_files, write_irace_scenario
+from mercator_design.exports.irace_scenario import write_irace_scenario
 from mercator_design.exports.robot_log_table import write_csv
 from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.missions.mission import load_mission
@@ -53,7 +53,7 @@ def irace(
     simulator = Simulator(load_mission(mission, overrides))
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(print_message)
-    write_irace_scenario(output, irace_files(designer, jobs=jobs or available_jobs()))
+    write_irace_scenario(output, designer, jobs=jobs or available_jobs())
     for note in designer.optimizer.notes:
         warn(f"R's irace refuses this scenario: {note}")
     print_result(f"cd {shlex.quote(str(output))} && irace --scenario scenario.txt")

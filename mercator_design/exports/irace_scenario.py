@@ -29,14 +29,17 @@ exec {python} -m mercator_design evaluate --cost --fsm-config "$*" --flavour {fl
 """
 
 
-def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
-    """The files of the scenario of a mission, by path in its folder.
+def write_irace_scenario(folder: Path, designer: Designer, *, jobs: int) -> None:
+    """Write the scenario of a mission.
 
     Args:
+        folder: New, or empty.
         designer: For the mission; gives the budget and the seed.
         jobs: Experiments to run at once.
+
+    Raises:
+        RaceError: There is something in the folder already, or it cannot be written.
     """
-    files = designer.files()
     plugins = "".join(f" --plugin {shlex.quote(f'plugins/{name}')}" for name in loaded_plugins())
     settings: dict[str, scenario_text.Setting] = {
         "parameterFile": "./parameters.txt",
@@ -54,15 +57,7 @@ def irace_files(designer: Designer, *, jobs: int) -> dict[str, bytes]:
         "instances.txt": "mission.yaml\n",
         "target-runner": runner,
     }
-    return {name: text.encode() for name, text in texts.items()} | files
-
-
-def write_irace_scenario(folder: Path, files: dict[str, bytes]) -> None:
-    """Write `irace_files` to a new or empty folder.
-
-    Raises:
-        RaceError: There is something in it already, or it cannot be written.
-    """
+    files = {name: text.encode() for name, text in texts.items()} | designer.files()
     with writing(folder, RaceError):
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):

@@ -77,10 +77,10 @@ class Interrupt:
         return self
 
     def __exit__(self, _: object, error: object, __: object) -> None:
-        from mercator_design.race.running.executors import ExecutorStopped  # not for `terminable`: numpy comes with it
-
         for number, handler in self._usual.items():
             signal.signal(number, handler)
+        from mercator_design.race.running.executors import ExecutorStopped  # not for `terminable`: numpy comes with it
+
         if isinstance(error, ExecutorStopped):
             self.check(self._stopped)
 

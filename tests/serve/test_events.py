@@ -156,7 +156,7 @@ def test_changes_of_the_job_are_told_between(quiet, at_once):
 def test_it_ends_when_the_job_is_gone(quiet, at_once, what):
     job = quiet.submit()
     quiet.race(job, lines=5)
-    quiet.service.jobs.share(job, shared=True)
+    quiet.service.jobs.change(job, shared=True)
 
     async def run():
         async with aclosing(stream(quiet, job, user=BOB)) as one:
@@ -164,7 +164,7 @@ def test_it_ends_when_the_job_is_gone(quiet, at_once, what):
             if what == "deleted":
                 quiet.service.jobs.delete(job)
             elif what == "not shared":
-                quiet.service.jobs.share(job, shared=False)
+                quiet.service.jobs.change(job, shared=False)
             else:
                 with (quiet.folder(job) / "journal.jsonl").open("ab") as file:
                     file.write(b"?\n")

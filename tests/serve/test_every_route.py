@@ -42,7 +42,7 @@ def lab(tmp_path_factory, idle_races):
         private, shared = (
             service.jobs.submit("ana", name, "maximise", request, None).id for name in ("secret", "open")
         )
-        service.jobs.share(shared, shared=True)
+        service.jobs.change(shared, shared=True)
         for identity in (private, shared):
             service.jobs.pause(identity)
             service.store.run_folder(identity).mkdir(exist_ok=True)

@@ -143,7 +143,7 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
         assert replay["header"]["score"] == one["score"]
     for path in ("", "/now", "/race", "/about", "/files", "/messages"):
         assert bob.get(f"/jobs/{job}{path}").status_code == 404
-    quiet.service.jobs.share(job, shared=True)
+    quiet.service.jobs.change(job, shared=True)
     text = checked(bob.get(f"/jobs/{job}"))
     assert "data-do=" not in text
     assert "Messages of its process" not in text

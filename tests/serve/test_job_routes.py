@@ -58,7 +58,7 @@ def test_what_is_not_valid_is_refused(ann, body, status, words):
 
 def test_find(ann, bob, quiet):
     own, shared, private = quiet.submit("ann", name="needle"), quiet.submit("bob"), quiet.submit("bob")
-    quiet.service.jobs.share(shared, shared=True)
+    quiet.service.jobs.change(shared, shared=True)
     found = {job["id"] for job in ann.get(f"{JOBS}?limit=500").json()["jobs"]}
     assert {own, shared} <= found
     assert private not in found
@@ -85,7 +85,7 @@ def test_what_others_do_not_share_is_not_there(ann, bob, quiet):
         nowhere = ann.request(method, f"{JOBS}/nowhere{path}", **body)
         assert (there.status_code, nowhere.status_code) == (404, 404)
         assert there.text.replace(job, "nowhere") == nowhere.text
-    quiet.service.jobs.share(job, shared=True)
+    quiet.service.jobs.change(job, shared=True)
     assert ann.get(f"{JOBS}/{job}").status_code == 200
     assert ann.get(f"{JOBS}/{job}/files/fsm.txt").status_code == 200
     assert ann.post(f"{JOBS}/{job}/cancel").status_code == 403

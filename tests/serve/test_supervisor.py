@@ -84,7 +84,7 @@ def test_cancel(house):
     with pytest.raises(NotPossible, match="cannot resume a job that is cancelled"):
         house.jobs.resume(running)
     with pytest.raises(NotPossible, match="cannot extend a job that is cancelled"):
-        house.jobs.extend(running, 10**4)
+        house.jobs.change(running, budget=10**4)
 
 
 def test_a_job_that_ends_while_it_is_cancelled_has_succeeded(house):
@@ -113,8 +113,8 @@ def test_extend_after_the_end(house):
     house.tick()
     house.finish(job)
     with pytest.raises(NotPossible, match=f"expected a budget above {BUDGET}, found {BUDGET}"):
-        house.jobs.extend(job, BUDGET)
-    row = house.jobs.extend(job, 2 * BUDGET)
+        house.jobs.change(job, budget=BUDGET)
+    row = house.jobs.change(job, budget=2 * BUDGET)
     assert (row.state, row.budget, row.ended) == ("queued", 2 * BUDGET, "")
     house.tick()
     assert house.started == [job, job]
@@ -124,7 +124,7 @@ def test_extend_while_it_runs(house):
     """The race ends under the budget that it was started with, and goes on."""
     job = house.submit()
     house.tick()
-    house.jobs.extend(job, 2 * BUDGET)
+    house.jobs.change(job, budget=2 * BUDGET)
     house.finish(job)
     assert house.state(job) in ("queued", "running")
     assert not house.row(job).ended
@@ -138,7 +138,7 @@ def test_an_extension_just_before_a_crash_is_kept(house):
     house.tick()
     house.finish(job)
     row = house.row(job)
-    house.jobs.extend(job, 2 * BUDGET)
+    house.jobs.change(job, budget=2 * BUDGET)
     house.index.put(row)
     house.crash()
     assert house.state(job) == "queued"
@@ -152,7 +152,7 @@ def test_the_same_for_what_was_resumed_and_shared(house):
     rows = house.row(failed), house.row(shared)
     assert [row.state for row in rows] == ["failed", "cancelled"]
     house.jobs.resume(failed)
-    house.jobs.share(shared, shared=True)
+    house.jobs.change(shared, shared=True)
     house.index.put(*rows)
     house.crash()
     assert house.state(failed) == "queued"
@@ -518,7 +518,7 @@ def test_old_run_folders_are_shown(house, raced):
         with pytest.raises(NotPossible, match="it is not a job of this service"):
             operation("old run")
     with pytest.raises(NotPossible, match="it is not a job of this service"):
-        house.jobs.extend("old run", 10**4)
+        house.jobs.change("old run", budget=10**4)
 
 
 def test_run_folders_come_run_and_go_while_the_service_runs(house, raced):

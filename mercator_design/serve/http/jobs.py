@@ -60,13 +60,8 @@ def show(row: VisibleJob) -> Job:
 @router.patch("/jobs/{id}")
 def change(service: TheService, row: OwnJob, body: JobChange) -> Job:
     """Extend the budget of a job, change its priority, share it."""
-    if body.budget is not None:  # first, because it may be refused, and then nothing changes
-        row = service.jobs.extend(row.id, body.budget)
-    if body.priority is not None:
-        row = service.jobs.set_priority(row.id, body.priority)
-    if body.shared is not None:
-        row = service.jobs.share(row.id, shared=body.shared)
-    return Job.of(row)
+    changed = service.jobs.change(row.id, budget=body.budget, priority=body.priority, shared=body.shared)
+    return Job.of(changed)
 
 
 @router.post("/jobs/{id}/pause")

@@ -110,31 +110,33 @@ class Operations:
                 return row
             return self._change(identity, "cancel", _OPEN, lambda _: {"wish": "cancel", "ended": now()})
 
-    def extend(self, identity: str, budget: int) -> Row:
-        """Let a job go on with a larger budget.
+    def change(
+        self, identity: str, *, budget: int | None = None, priority: int | None = None, shared: bool | None = None
+    ) -> Row:
+        """Change a job: its budget, with which it goes on; its priority; whether all users may see it.
 
         Raises:
-            NotPossible: It was cancelled, or the budget is not larger.
+            NotPossible: With a budget: it was cancelled, or the budget is not larger. Nothing changes.
             LimitReached: see `Limits`.
         """
-        self._check_budget(budget)
+        if budget is not None:
+            self._check_budget(budget)
 
-        def extended(job: Job) -> dict[str, Any]:
-            if budget <= job.request.budget:
-                raise NotPossible(f"{identity}: expected a budget above {job.request.budget}, found {budget}")
-            return {"request": replace(job.request, budget=budget), **_going_on(job)}
+        def changes(job: Job) -> dict[str, Any]:
+            request = job.request
+            if priority is not None:
+                request = replace(request, priority=priority)
+            found: dict[str, Any] = {} if shared is None else {"shared": shared}
+            if budget is not None:
+                if budget <= request.budget:
+                    raise NotPossible(f"{identity}: expected a budget above {request.budget}, found {budget}")
+                request = replace(request, budget=budget)
+                found |= _going_on(job)
+            return {"request": request, **found}
 
-        return self._change(identity, "extend", (*_OPEN, "succeeded", "failed"), extended)
-
-    def share(self, identity: str, *, shared: bool) -> Row:
-        """Show a job to all users, or to its owner alone."""
-        return self._change(identity, "share", STATES, lambda _: {"shared": shared})
-
-    def set_priority(self, identity: str, priority: int) -> Row:
-        """Change the priority of a job among those of its user."""
-        return self._change(
-            identity, "change", STATES, lambda job: {"request": replace(job.request, priority=priority)}
-        )
+        if budget is None:
+            return self._change(identity, "change", STATES, changes)
+        return self._change(identity, "extend", (*_OPEN, "succeeded", "failed"), changes)
 
     def delete(self, identity: str) -> None:
         """Delete a job that does not run, with its run folder.

@@ -65,6 +65,8 @@ def test_a_job_that_was_resumed_before_it_had_stopped_goes_on(house):
     house.jobs.pause(job)
     house.tick()
     house.jobs.resume(job)
+    house.tick()
+    assert house.row(job).message == "stopping, to go on"
     house.end(job, 75)
     house.tick()
     assert house.started == [job, job]

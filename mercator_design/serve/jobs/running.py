@@ -70,7 +70,8 @@ class Running:
     @property
     def message(self) -> str:
         """What it is about to do."""
-        stops = {"wish": f"stopping, to {self.job.wish}", "disk": "stopping: the disk is nearly full"}
+        wish = "go on" if self.job.wish == "run" else self.job.wish
+        stops = {"wish": f"stopping, to {wish}", "disk": "stopping: the disk is nearly full"}
         return stops.get(self.stopped_for, "")
 
     def read_on(self) -> None:

@@ -35,6 +35,12 @@ def test_changes_are_there_after_a_restart(store):
     assert Store(store.data).read(job.id) == changed
 
 
+def test_a_job_is_not_written_if_nothing_changes(store, monkeypatch):
+    job = create(store)
+    monkeypatch.setattr(store, "write", lambda _job: pytest.fail("it was written"))
+    assert store.update(job.id) == store.update(job.id, request=REQUEST, shared=False) == job
+
+
 @pytest.mark.parametrize("wrong", [{"name": "../up"}, {"name": ""}, {"request": Request(mission="aac", budget=-1)}])
 def test_what_is_not_valid_leaves_nothing(store, wrong):
     with pytest.raises(ServiceError, match=r"job\.json"):

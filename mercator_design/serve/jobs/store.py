@@ -83,15 +83,16 @@ class Store(Records[Job]):
         return self.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
-        """Change fields of a job.
+        """Change fields of a job; it is written only if one of them changes.
 
         Raises:
             ServiceError: As `read`.
             OSError: It cannot be written; it is as before.
         """
         with self._lock:
-            job = replace(self.read(identity), **changes)
-            self.write(job)
+            job = replace(before := self.read(identity), **changes)
+            if job != before:
+                self.write(job)
             return job
 
     def delete(self, identity: str) -> None:

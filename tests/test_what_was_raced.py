@@ -6,7 +6,9 @@ import shutil
 import pytest
 from PIL import Image as Pillow
 
+from mercator_design.cli.origin import origin_of
 from mercator_design.config import shipped
+from mercator_design.errors import MissionError
 from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.running.journal import read
@@ -292,3 +294,10 @@ class TestPlugins:
         code, _, err = mdesign_anew("evaluate", tmp_path / "fsm.txt", "-n", 2)
         place = "give that file with --plugin, or --mission"
         assert (code, err) == (3, f"Error: {tmp_path}/fsm.txt: was designed with the plugin mine.py; {place}\n")
+
+    @pytest.mark.parametrize("name", ["x" * 300, "mine\0.py", "..", "../mine.py"])
+    def test_the_name_of_no_file(self, tmp_path, name):
+        (tmp_path / "plugins").mkdir()
+        (tmp_path / "mine.py").touch()
+        with pytest.raises(MissionError, match=r"fsm\.txt: was designed with the plugin .*; give that file with"):
+            origin_of(tmp_path / "fsm.txt", {"plugins": f"{name} 0123"}).check_loaded()

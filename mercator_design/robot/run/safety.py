@@ -201,7 +201,7 @@ class Watchdog(threading.Thread):
         for message, sender in receive(listening):
             now = time.monotonic()
             if message == STOP:
-                if now - self._obeyed > _OBEY_EVERY:  # more often they would delay the shutdown
+                if now - self._obeyed > _OBEY_EVERY:  # stops that come more often would delay the shutdown
                     self._obeyed = now
                     self._brake.stop(f"swarm: stop received from {sender[0]}")
                 answer: bytes | None = self._answer

@@ -176,7 +176,11 @@ class Guard:
             scope["state"]["user"] = LOCAL
 
     def _unknown(self, visit: "_Visit") -> Refusal:
-        """The refusal of who is not logged in; an attempt to change something counts as failed."""
+        """The refusal of who is not logged in; an attempt to change something counts as failed.
+
+        Raises:
+            TooManyFailures: The address has to wait.
+        """
         if visit.method not in SAFE and not visit.has_failed:
             self._accounts.check_attempts(address_of(visit.scope))
             self._accounts.attempts.count(address_of(visit.scope))

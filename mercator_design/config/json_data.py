@@ -59,9 +59,9 @@ def read_json(file: Path, kind: Kind, *, error: type[MercatorError]) -> Any:  # 
     Raises:
         error: as `from_json`; or the file is missing, is too large, or has no JSON.
     """
-    text = contents_of(file, _MAX_SIZE, error)
+    contents = contents_of(file, _MAX_SIZE, error)
     try:
-        data = json.loads(text)
+        data = json.loads(contents)
     except (ValueError, RecursionError) as wrong:
         raise error(f"{file}: expected JSON, found something else: {wrong}") from None
     return from_json(data, kind, error=error, label=str(file))

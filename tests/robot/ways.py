@@ -37,10 +37,10 @@ SOON = """
 from mercator_design.robot.devices import link
 from mercator_design.robot.run import mercator
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-link._TRIES = 3
+link._TRIES = 30
 """
 """Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
-And end sooner, if nothing answers."""
+And wait for answers as long as devices in threads of a busy machine may take."""
 IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 PATIENT = "from mercator_design.robot.run import control, safety; control.STALL = safety.STALL = 60.0\n"

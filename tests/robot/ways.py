@@ -13,6 +13,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from mercator_design.robot.run.network import STOP
 from tests.processes import LIMIT
 from tests.robot.devices import Devices
 from tests.robot.log_events import read
@@ -20,8 +21,16 @@ from tests.robot.log_events import read
 LATEST = 0.25
 """[s] from a fault to wheels at rest."""
 ATTEMPTS = 5
-BUSY = ("the control loop stalled", "is this computer too busy?")
-"""What a run ends with if it does not get to a processor in time."""
+BUSY = (
+    "the control loop stalled",
+    "is this computer too busy?",
+    "of the commands to it are answered",
+    "arrives whole",
+    "that a drive command does not end",
+    "the start was not confirmed by all robots in time",
+    "the time of the start came too late",
+)
+"""What a run ends with if it, or a test with its devices, does not get to a processor in time."""
 GO = "--nstates 1 --s0 0 --rwm0 20"
 ALL = "--nstates 2 --s0 2 --att0 2 --n0 1 --n0x0 0 --c0x0 2 --p0x0 0 --s1 0 --rwm1 5"
 """Drives, and reads every sense."""
@@ -33,18 +42,23 @@ ARGUMENTS = ["fsm.txt", "--robot", "robot.yaml", "-o", "log.jsonl", "--seed", "1
 
 ROOT = Path(__file__).parents[2]
 MAIN = "from mercator_design.robot.cli import main; main()"
-SOON = """
+WAITS = f"""
 from mercator_design.robot.devices import link
-from mercator_design.robot.run import mercator
-mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
-link._TRIES = 30
+from mercator_design.robot.run import control, mercator
+link._TRIES = 2000
+mercator._START_LIMIT = control._FIRST_HEARTBEAT = {LIMIT}
 """
-"""Lets a program start up sooner: it does not look whether commands run out, which tests of the start are about.
-And wait for answers as long as devices in threads of a busy machine may take."""
+"""Lets a program wait for answers, samples and a first heartbeat as long as threads of a busy machine may take."""
+SOON = f"""{WAITS}
+mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
+"""
+"""The same, and start up sooner: it does not look whether commands run out, which tests of the start are about."""
 IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 PATIENT = "from mercator_design.robot.run import control, safety; control.STALL = safety.STALL = 60.0\n"
 """Lets a control loop be late, as it may be on a busy machine, in tests that are not about that."""
+LATE = "}\nlimits: {rvr: 10, proximity: 10, lidar: 10, rvr_whole: 0, proximity_whole: 0, lidar_whole: 0"
+"""Further settings of a run: lets devices be late, and lose what they tell meanwhile, as `PATIENT` the control loop."""
 SLOW = """
 import time
 from mercator_design.robot.run.mercator import Mercator
@@ -104,7 +118,13 @@ class Robot:
     def fault(self):
         """Let the controller's fault begin; when it has [s]."""
         (self.folder / "fault").touch()
-        return float(self.process.stdout.readline())
+        began = self.process.stdout.readline()
+        assert began, self.process.stderr.read()
+        return float(began)
+
+    def hears_stop(self, speaker):
+        """Tell the swarm to stop, until it has ended."""
+        self.devices.when(lambda: speaker.send(STOP) or self.process.poll() is not None)
 
     def cycles(self):
         """How many its log has."""

@@ -17,6 +17,7 @@ import pytest
 from mercator_design.robot.run.mercator import COMMANDS_END
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
 from mercator_design.robot.run.safety import STALL
+from tests.robot import ways
 from tests.robot.log_events import read
 from tests.robot.test_ways_out import CYCLE, DEVICE_FAULTS
 from tests.robot.ways import (
@@ -28,6 +29,7 @@ from tests.robot.ways import (
     LATEST,
     SLOW,
     SOON,
+    WAITS,
     check,
     in_time,
     made_in_time,
@@ -46,15 +48,17 @@ class Forger(socket.socket):
     def __init__(self, port):
         super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
         self.connect(("127.0.0.1", port))
-        self.settimeout(5.0)
+        self.settimeout(0.5)
 
-    def has_signed(self, key):
+    def has_signed(self, key, robot):
         """What was recorded of somebody who has the key: signed, and not yet told; and told already."""
         signed = []
-        for _ in range(2):
-            self.send(ASK)
-            sealed = self.recv(200).removeprefix(SIGN)
-            signed.append(SIGNED + sealed + b" " + signature(key, sealed))
+        while len(signed) < 2:
+            with suppress(TimeoutError, ConnectionError):
+                self.send(ASK)
+                sealed = self.recv(200).removeprefix(SIGN)
+                signed.append(SIGNED + sealed + b" " + signature(key, sealed))
+            assert robot.process.poll() is None, robot.process.stderr.read()
         self.send(signed[0])
         return signed
 
@@ -204,8 +208,8 @@ def test_who_was_held_up_before_the_drive_looks_anew(seconds, tmp_path):
 
     def looks_anew(_):
         folder = tmp_path / next(folders)
-        with running(folder, GO, ", heartbeat: 2", lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
-            robot.until(lambda: speaker.send(HEARTBEAT) or robot.devices.driven() > 2)
+        with running(folder, GO, ", heartbeat: 10", lead=lead) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+            robot.until(lambda: speaker.send(HEARTBEAT) or (robot.devices.driven() > 2 and robot.cycles() > 1))
             notes = [event["text"] for event in read(folder / "log.jsonl") if event["event"] == "note"]
             return any(note.startswith("held up for ") for note in notes)
 
@@ -219,16 +223,17 @@ STARTING = ("wake", "get_active_control_system_id", "start_streaming_service")
 
 
 @pytest.mark.parametrize("command", STARTING)
+@made_in_time
 def test_a_signal_during_the_start(command, tmp_path):
-    with running(tmp_path, lead="") as robot:
+    with running(tmp_path, lead=WAITS) as robot:
         robot.devices.when(lambda: command in [name for _, name, _ in robot.devices.commands])
         robot.process.terminate()
         returned, error = robot.ended()
+        assert not (tmp_path / "log.jsonl").exists(), "it had started before the signal: is this computer too busy?"
         assert (returned, error) == (143, "Stopped by SIGTERM.\n")
         assert not robot.devices.drives()
         robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
         robot.devices.when(lambda: robot.devices.lidar_commands[-2:] == ["force_stop", "stop"])
-        assert not (tmp_path / "log.jsonl").exists()
 
 
 @made_in_time
@@ -275,13 +280,12 @@ def fill(port):
 @made_in_time
 def test_what_all_threads_took_of_processors_is_in_the_log(tmp_path):
     busy = "import threading; threading.Thread(target=sum, args=[range(10**6)]).start()"
+    (tmp_path / "fault").touch()  # from the first cycle on
     with running(tmp_path, GO, "", busy, "--duration", "0.9") as robot:
-        robot.drives()
-        robot.fault()
         began = time.process_time()
         sum(range(10**6))
         took = time.process_time() - began
-        robot.ended()
+        check(robot, 0, "")
     cpu = sorted(event["program_cpu"] for event in read(tmp_path / "log.jsonl") if event["event"] == "cycle")
     assert cpu[len(cpu) // 2] > 0.5 * took
 
@@ -325,6 +329,11 @@ def goes_on(robot):
     return robot.process.poll() is None
 
 
+def is_told_to_stop(devices, before):
+    """Whether there was a stop after so many commands."""
+    return "drive_stop" in [name for _, name, _ in devices.commands[before:]]
+
+
 LONG_START = """
 import time
 from mercator_design.robot.run.mercator import Mercator
@@ -338,32 +347,46 @@ Mercator._watch_commands_end = watch_once_stopped
 """Lets a robot be starting up until something stops it."""
 
 
+UNTIL_REFUSED = """
+import time
+await_heartbeat = control.Control.await_heartbeat
+def await_longer(self):
+    while not self._watchdog.heartbeats.refused:
+        self.wait(time.monotonic() + 0.01)
+    await_heartbeat(self)
+control.Control.await_heartbeat = await_longer
+"""
+"""Lets a robot wait for a first heartbeat until one was refused, and then as long as it does otherwise."""
+
+
 class TestSwarm:
     def test_stop(self, tmp_path):
         def attempt(number):
             with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
                 robot.drives()
                 began = time.monotonic()
-                assert speaker.stop() == (["mercator (127.0.0.1)"], [])
+                answers = speaker.stop()
                 check(robot, 4, "swarm: stop received from 127.0.0.1")
-                return robot.devices.told_to_rest(began)
+                return robot.devices.told_to_rest(began) if answers == (["mercator (127.0.0.1)"], []) else math.inf
 
         assert soonest(attempt) <= LATEST
 
-    @made_in_time
     def test_a_flood_of_stops_does_not_hold_up_the_end(self, tmp_path):
-        with running(tmp_path) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
-            robot.drives()
-            began = time.monotonic()
-            while robot.process.poll() is None:
-                assert time.monotonic() < began + 10.0
-                for _ in range(100):
-                    speaker.send(STOP)
-            took = time.monotonic() - began
-            check(robot, 4, "swarm: stop received from 127.0.0.1")
-            robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
-            names = [name for _, name, _ in robot.devices.commands]
-            assert names.count("drive_stop") < 10 + 2 * took / 0.2
+        def attempt(number):
+            with running(tmp_path / str(number)) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+                robot.drives()
+                began = time.monotonic()
+                while robot.process.poll() is None:
+                    for _ in range(100):
+                        speaker.send(STOP)
+                took = time.monotonic() - began
+                check(robot, 4, "swarm: stop received from 127.0.0.1")
+                robot.devices.when(lambda: robot.devices.commands[-1][1] == LAST)
+                names = [name for _, name, _ in robot.devices.commands]
+                assert names.count("drive_stop") < 10 + 2 * took / 0.2
+                return took
+
+        assert soonest(attempt, 10.0) <= 10.0
 
     @made_in_time
     def test_a_stop_is_obeyed_each_time(self, tmp_path):
@@ -373,13 +396,12 @@ class TestSwarm:
             robot.fault()
             for _ in range(2):
                 before = len(robot.devices.commands)
-                speaker.stop(0.3)
-                assert "drive_stop" in [name for _, name, _ in robot.devices.commands[before:]]
+                robot.until(lambda before=before: speaker.send(STOP) or is_told_to_stop(robot.devices, before))
 
     def test_stop_during_the_start(self, tmp_path):
-        with running(tmp_path, lead=LONG_START) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
+        with running(tmp_path, lead=WAITS + LONG_START) as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.devices.when(lambda: robot.devices.commands)
-            speaker.stop(0.2)
+            robot.hears_stop(speaker)
             returned, error = robot.ended()
             assert (returned, error) == (4, "Error: swarm: stop received from 127.0.0.1\n")
             assert not robot.devices.drives()
@@ -411,19 +433,20 @@ class TestSwarm:
                 with repeated(lambda: speaker.beat(KEY, 0.05)):
                     if not goes_on(robot):
                         return math.inf
-                    signed = forger.has_signed(KEY)
+                    signed = forger.has_signed(KEY, robot)
                 began = time.monotonic()
                 with repeated(lambda: forger.say([HEARTBEAT, *signed])):
                     error = check(robot, 4, "swarm: no heartbeat for 0.4 s")
                 assert "not signed: anybody" not in error
                 text = (robot.folder / "log.jsonl").read_text()
-                assert (KEY in text + error, "heartbeats refused, the last from 127.0.0.1: " in text) == (False, True)
-                return robot.devices.told_to_rest(began) - 0.4
+                assert KEY not in text + error
+                is_refused = "heartbeats refused, the last from 127.0.0.1: " in text  # not if nothing was said in time
+                return robot.devices.told_to_rest(began) - 0.4 if is_refused else math.inf
 
         assert soonest(attempt) <= LATEST
 
     def test_who_has_another_key_lets_no_robot_begin(self, tmp_path):
-        lead = SOON + IMPATIENT
+        lead = SOON + IMPATIENT + UNTIL_REFUSED
         with (
             running(tmp_path, GO, f", heartbeat: 0.4, key: {KEY}", lead=lead) as robot,
             Speaker(["127.0.0.1"], robot.port) as speaker,
@@ -437,7 +460,7 @@ class TestSwarm:
     @made_in_time
     def test_without_a_key_it_says_so(self, tmp_path):
         with (
-            running(tmp_path, GO, ", heartbeat: 2", "", "--duration", "1") as robot,
+            running(tmp_path, GO, ", heartbeat: 10", "", "--duration", "1") as robot,
             Speaker(["127.0.0.1"], robot.port) as speaker,
         ):
             robot.devices.when(lambda: speaker.send(HEARTBEAT) or robot.process.poll() is not None)
@@ -458,11 +481,13 @@ class TestSwarm:
         with running(tmp_path, GO, ", heartbeat: 0.4") as robot, Speaker(["127.0.0.1"], robot.port) as speaker:
             robot.devices.when((robot.folder / "log.jsonl").exists)
             robot.devices.when(lambda: (robot.folder / "log.jsonl").stat().st_size)
-            speaker.stop(0.2)
+            robot.hears_stop(speaker)
             check(robot, 4, "swarm: stop received from 127.0.0.1")
 
-    def test_two_programs_cannot_hear_at_one_port(self, tmp_path):
-        with running(tmp_path) as robot, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-            other.bind(("", robot.port))
-            returned, error = robot.ended()
+    def test_two_programs_cannot_hear_at_one_port(self, tmp_path, monkeypatch):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("", 0))
+            monkeypatch.setattr(ways, "free_port", lambda: other.getsockname()[1])
+            with running(tmp_path) as robot:
+                returned, error = robot.ended()
         assert (returned, "does another mercator-robot run here?" in error) == (1, True), error

@@ -22,7 +22,7 @@ from mercator_design.robot.ros import node as ros
 from mercator_design.robot.ros.messages import PUBLISHED
 from mercator_design.robot.ros.node import Orders, Reports, RosNode, serve
 from mercator_design.robot.run import safety
-from tests.processes import wait_until
+from tests.processes import LIMIT, wait_until
 from tests.robot.devices import CLEAR
 from tests.robot.lines import QUIET
 from tests.robot.ways import asked
@@ -139,6 +139,13 @@ def orders(said):
     return Orders(brake, 0.3, said.append)
 
 
+@pytest.fixture
+def still(monkeypatch):
+    """No time passes."""
+    monkeypatch.setattr(time, "monotonic", lambda: 1000.0)
+
+
+@pytest.mark.usefixtures("still")
 class TestOrders:
     def test_speeds_are_not_rounded_to_centimetres(self, orders):
         orders.take_speeds(speeds(0.1, 0.2))
@@ -416,6 +423,8 @@ def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "_module", fake.module)
     monkeypatch.setattr(ros, "raise_priority", lambda _: None)
+    for limit in ("_MASTER_ANSWER", "_REGISTER", "_LEAVE"):
+        monkeypatch.setattr(ros, limit, LIMIT)
     yield fake
     fake.go()
 
@@ -445,10 +454,11 @@ class TestNode:
             "rvr_ros/Leds": f"std_msgs/ColorRGBA[5] led_colors\n{80 * '='}\nMSG: std_msgs/ColorRGBA\ntext of ColorRGBA",
         }
 
-    def test_what_is_obeyed_and_what_ends_that(self, fake, orders):
+    def test_what_is_obeyed_and_what_ends_that(self, fake, orders, request):
         RosNode().obey(orders._brake, orders)
         (kind, take), (leds_kind, _) = fake.subscribed["rvr/wheels_speed"], fake.subscribed["rvr/rgb_leds"]
         assert (kind, leds_kind) == ("Float32MultiArray", "Leds")
+        request.getfixturevalue("still")
         for _ in range(2):
             take(speeds(0.1, 0.2))
         assert orders.speeds(time.monotonic()) == (0.1, 0.2)
@@ -485,21 +495,22 @@ class TestNode:
 
 class TestMastersThatDoNotAnswer:
     @pytest.fixture
-    def silent(self, fake, monkeypatch):
+    def silent(self, fake):
         """One that accepts, and says no more."""
-        monkeypatch.setattr(ros, "_MASTER_ANSWER", 0.3)
         with socket.create_server(("127.0.0.1", 0)) as master:
             yield f"http://127.0.0.1:{master.getsockname()[1]}/"
 
-    def test_at_the_start(self, fake, silent):
+    def test_at_the_start(self, fake, silent, monkeypatch):
+        monkeypatch.setattr(ros, "_MASTER_ANSWER", 0.3)
         fake.get_master_uri = lambda: silent
         with pytest.raises(RobotError, match=r"ros: no master at .*: timed out; does roscore run there\?"):
             RosNode()
 
-    def test_later(self, fake, silent, orders):
+    def test_later(self, fake, silent, orders, monkeypatch):
         node = RosNode()
         node.obey(orders._brake, orders)
         node._master = silent
+        monkeypatch.setattr(ros, "_MASTER_ANSWER", 0.3)
         wait_until(lambda: orders._brake.why)
         assert orders._brake.why.startswith(f"ros: no master at {silent}: timed out")
 
@@ -507,7 +518,7 @@ class TestMastersThatDoNotAnswer:
     def test_rospy_that_keeps_trying(self, fake, orders, monkeypatch, what):
         over = threading.Event()
         monkeypatch.setattr(ros, "_REGISTER", 0.2)
-        setattr(fake, what, lambda *_, **__: over.wait(20))
+        setattr(fake, what, lambda *_, **__: over.wait(LIMIT))
         with pytest.raises(RobotError, match=r"ros: the master at .* does not answer any more"):
             RosNode().obey(orders._brake, orders)
         over.set()
@@ -517,10 +528,10 @@ class TestMastersThatDoNotAnswer:
         over = threading.Event()
         monkeypatch.setattr(ros, "_LEAVE", 0.2)
         node = RosNode()
-        fake.signal_shutdown = lambda _: over.wait(20)
+        fake.signal_shutdown = lambda _: over.wait(LIMIT)
         began = time.monotonic()
         node.close()
-        assert 0.2 <= time.monotonic() - began < 10
+        assert 0.2 <= time.monotonic() - began < LIMIT
         over.set()
 
     def test_what_answers_is_no_master(self, fake):

@@ -8,10 +8,12 @@ import pytest
 
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices import link as link_module
+from mercator_design.robot.devices import start
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.start import wake_rvr
 from mercator_design.robot.protocols.rvr import Host, RvrEnd
 from mercator_design.robot.protocols.rvr_messages import Error
+from tests.processes import LIMIT
 
 
 class Line:
@@ -53,8 +55,9 @@ def link(line):
     return Link([line])
 
 
-def test_an_rvr_that_takes_time_to_wake_up(link, line):
+def test_an_rvr_that_takes_time_to_wake_up(link, line, monkeypatch):
     """Asleep it refuses what it is asked."""
+    monkeypatch.setattr(start, "_WAKING", LIMIT)
     facts = {
         "get_main_application_version": {"major": 9, "minor": 1, "revision": 462},
         "get_battery_voltage_state": {"state": 1},
@@ -121,10 +124,11 @@ def test_one_that_never_arrives_whole_is_given_up(link, line):
 def test_commands_that_are_counted_are_answered_or_lost(link, line):
     errors = iter([Error.SUCCESS, Error.BAD_DATA_LENGTH, Error.RESTRICTED])
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, next(errors)) if len(commands) < 4 else b""
+    began = time.monotonic()
     for _ in range(4):
         link.send("rvr", link.encode_counted("drive_tank_si_units", left_velocity=0.1, right_velocity=0.1))
         link.discard()
-    link.answers.check(time.monotonic())
+    link.answers.check(began)
     assert (link.answers.all, link.answers.lost) == (3, 1)
     link.answers.check(time.monotonic() + 1.0)
     assert (link.answers.all, link.answers.lost) == (4, 2)

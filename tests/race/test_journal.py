@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import zlib
+from types import SimpleNamespace
 
 import pytest
 
@@ -427,12 +428,13 @@ class TestFullDisk:
 
     def test_what_is_written_is_forced_to_the_disk_now_and_then(self, tmp_path, monkeypatch):
         monkeypatch.setattr(journal, "SYNC_EVERY", 0.01)
-        synced = []
+        synced, now = [], [1000.0]
         fsync = os.fsync
-        monkeypatch.setattr(os, "fsync", lambda file: synced.append(time.monotonic()) or fsync(file))
+        monkeypatch.setattr(os, "fsync", lambda file: synced.append(now[0]) or fsync(file))
+        monkeypatch.setattr(journal, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=time.sleep))
 
         def slowly(item):
-            time.sleep(0.001)
+            now[0] += 0.001
             return measure(item)
 
         with Journal(tmp_path / "journal.jsonl", new=True) as one, ThreadExecutor(1) as executor:

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.fleet import ssh
 from mercator_design.robot.protocols import joint_start
 from tests.fleet.fakes import FAKE, GO, PATIENT
+from tests.processes import LIMIT
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,8 +28,15 @@ def field(tmp_path, monkeypatch):
         file.chmod(file.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(programs), prepend=":")
     monkeypatch.delenv("PYTHONPATH", raising=False)
-    for name, seconds in {"SILENCE": 60.0, "_ANSWER_LIMIT": 2.0, "LEAD": 1.5, "PROBE": 0.02}.items():
+    for name, seconds in {
+        "SILENCE": 600.0,
+        "_ANSWER_LIMIT": 600.0,
+        "_CLOCK_LIMIT": 600.0,
+        "LEAD": 1.5,
+        "PROBE": 0.02,
+    }.items():
         monkeypatch.setattr(joint_start, name, seconds)
+    monkeypatch.setattr(ssh, "_ENDS", LIMIT)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fsm.txt").write_text(GO)
     (tmp_path / "robots.yaml").write_text(

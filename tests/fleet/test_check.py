@@ -83,10 +83,13 @@ def test_robots_that_cannot_be_looked_at(deploy, field):
     python.write_text(
         '#!/bin/sh\ncase "$*" in *version*) echo 1; exit 0;; esac\n[ ${PWD##*r1/*} ] || sleep 60\nexit 7\n'
     )
-    code, out, err = deploy("--check", "--timeout", 2)
-    rows = out.splitlines()[3:]
+    for seconds in (2, 10, 50):  # r2 may need long on a busy machine
+        code, out, err = deploy("--check", "--timeout", seconds)
+        rows = out.splitlines()[3:]
+        if "WRONG  r2: ssh: exit code 7" in rows:
+            break
     assert [cells(row) for row in rows[:2]] == [[name, *["?"] * 5] for name in ("r1", "r2")]
-    assert rows[2:] == ["WRONG  r1: not done after 2 s", "WRONG  r2: ssh: exit code 7"]
+    assert rows[2:] == [f"WRONG  r1: not done after {seconds} s", "WRONG  r2: ssh: exit code 7"]
     assert (code, err) == (1, "Error: 2 of 2 robots failed the check\n")
 
 

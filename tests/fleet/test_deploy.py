@@ -110,7 +110,7 @@ def test_a_robot_that_does_not_answer(deploy, field):
 
 
 def test_a_process_that_is_another_s_is_left_alone(deploy, field):
-    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     (field / "r1/mercator").mkdir()
     (field / "r2/mercator").mkdir()
     (field / "r1/mercator/pid").write_text(f"{other.pid}\n")

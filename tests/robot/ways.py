@@ -23,7 +23,7 @@ LATEST = 0.25
 ATTEMPTS = 5
 BUSY = (
     "the control loop stalled",
-    "is this computer too busy?",
+    "too busy?",
     "of the commands to it are answered",
     "arrives whole",
     "that a drive command does not end",

@@ -173,42 +173,63 @@ class TestRun:
         assert robot_command("run", fsm, *options)[0] == 2
 
 
+@pytest.fixture(autouse=True)
+def long_look_up(monkeypatch):
+    """Names of hosts are looked up in threads, which may be late."""
+    monkeypatch.setattr(network, "_LOOK_UP", LIMIT)
+
+
+@pytest.fixture
+def stop(robot_command, monkeypatch):
+    """Run it on hosts, and again with more time if a robot that answers has not answered, as on a busy machine."""
+
+    def run(*arguments):
+        for seconds in (0.5, 5.0, 50.0):
+            monkeypatch.setattr(Speaker.stop, "__defaults__", (seconds,))
+            code, out, err = robot_command("stop", *arguments)
+            if out:
+                break
+        return code, out, err
+
+    return run
+
+
 class TestStop:
     @pytest.mark.parametrize("host", ["localhost", "127.0.0.2", "127.255.255.255"])
-    def test_a_robot_that_answers(self, robot_command, answering, host):
+    def test_a_robot_that_answers(self, stop, answering, host):
         """The last is a broadcast address; whatever address a robot answers from."""
-        code, out, err = robot_command("stop", host, "--port", answering[0])
+        code, out, err = stop(host, "--port", answering[0])
         assert (code, err) == (0, "")
         assert re.fullmatch(r"r2 \(127\.0\.0\.\d\) has stopped\n", out)
 
-    def test_hosts_that_are_unknown_silent_or_slow_keep_no_other_waiting(self, robot_command, answering, monkeypatch):
+    def test_hosts_that_are_unknown_silent_or_slow_keep_no_other_waiting(self, stop, answering, monkeypatch):
         port, told = answering
         found, waited = socket.gethostbyname, []
 
         def look_up(host):
             if host == "slow":
-                waited.append(told.wait(20.0))
+                waited.append(told.wait(LIMIT))
                 return "127.0.0.1"
             return found(host)
 
         monkeypatch.setattr(socket, "gethostbyname", look_up)
         hosts = ["no..such..host", "slow", "192.0.2.1", "127.0.0.1"]
-        code, out, err = robot_command("stop", *hosts, "--port", port)
+        code, out, err = stop(*hosts, "--port", port)
         assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
         silent = f"192.0.2.1: no answer on UDP port {port}"
         assert err == f"Error: no..such..host: no such host; {silent}\n"
-        assert waited == [True]
+        assert set(waited) == {True}
 
-    def test_a_name_that_is_not_found_in_time(self, robot_command, answering, monkeypatch):
+    def test_a_name_that_is_not_found_in_time(self, stop, answering, monkeypatch):
         port, _ = answering
         monkeypatch.setattr(network, "_LOOK_UP", 0.2)
         over, found = threading.Event(), socket.gethostbyname
 
         def look_up(host):
-            return found(host) if host != "slow" else str(over.wait(20.0))
+            return found(host) if host != "slow" else str(over.wait(LIMIT))
 
         monkeypatch.setattr(socket, "gethostbyname", look_up)
-        code, out, err = robot_command("stop", "slow", "127.0.0.1", "--port", port)
+        code, out, err = stop("slow", "127.0.0.1", "--port", port)
         over.set()
         assert (code, out) == (1, "r2 (127.0.0.1) has stopped\n")
         assert err == "Error: slow: its name could not be looked up in time\n"
@@ -219,7 +240,7 @@ class TestStop:
         assert (code, out) == (1, "")
         assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}\n"
 
-    def test_more_descriptors_than_select_knows(self, robot_command, answering, monkeypatch):
+    def test_more_descriptors_than_select_knows(self, stop, answering, monkeypatch):
         speaking = network._sending_socket
 
         def far():
@@ -232,7 +253,7 @@ class TestStop:
         monkeypatch.setattr(network, "_sending_socket", far)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(2048, usual[0]), usual[1]))
         try:
-            code, out, err = robot_command("stop", "127.0.0.1", "--port", answering[0])
+            code, out, err = stop("127.0.0.1", "--port", answering[0])
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, usual)
         assert (code, out, err) == (0, "r2 (127.0.0.1) has stopped\n", "")
@@ -346,10 +367,11 @@ def test_heartbeats_until_they_end_and_then_stop(robot, number):
         text=True,
     ) as beating:
         try:
-            listening.settimeout(20.0)
+            listening.settimeout(LIMIT)
             assert [listening.recvfrom(100)[0] for _ in range(5)] == [HEARTBEAT] * 5
             beating.send_signal(number)
-            assert STOP in (listening.recvfrom(100)[0] for _ in range(50))
+            while listening.recvfrom(100)[0] != STOP:
+                pass
             assert (f"Stopped by {number.name}." in beating.communicate(timeout=LIMIT)[1]) == (number != signal.SIGINT)
         finally:
             beating.kill()

@@ -17,7 +17,7 @@ from mercator_design.robot.run.network import Speaker
 from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
 from tests.robot.log_events import read
-from tests.robot.ways import MAIN, ROOT, SOON, asked, free_port
+from tests.robot.ways import MAIN, ROOT, SOON, asked, free_port, made_in_time
 
 RATES = {
     "ground": 20.0,
@@ -159,6 +159,7 @@ def test_signals_end_it_and_leave_it_whole(record, simulated, tmp_path, number, 
 
 
 @pytest.mark.timing
+@made_in_time
 def test_a_signal_ends_a_process_and_leaves_its_recording_whole(tmp_path):
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
@@ -177,6 +178,7 @@ def test_ctrl_c_before_it_records_is_an_interruption(record, simulated, tmp_path
 
 
 @pytest.mark.timing
+@made_in_time
 def test_it_is_whole_to_its_last_line_when_the_process_is_killed(tmp_path):
     with recording(tmp_path) as (devices, process):
         until_it_records(devices, tmp_path)
@@ -207,6 +209,7 @@ def test_sensors_that_fall_silent_are_told_and_the_others_go_on(record, simulate
 
 
 @pytest.mark.timing
+@made_in_time
 def test_a_program_that_was_suspended_tells_of_the_gap(tmp_path):
     def noted():
         return [note["text"] for note in events(tmp_path, "note")]
@@ -240,13 +243,15 @@ def test_a_device_that_is_not_well_ends_it(record, simulated, tmp_path):
 
 
 @pytest.mark.timing
+@made_in_time
 def test_the_swarm_is_told_to_stop(tmp_path):
     port = free_port()
     with recording(tmp_path, port=port) as (devices, process), Speaker(["127.0.0.1"], port) as speaker:
         until_it_records(devices, tmp_path)
-        assert speaker.stop() == (["tester (127.0.0.1)"], [])
+        answers = speaker.stop()
         _, messages = process.communicate(timeout=LIMIT)
         assert (process.returncode, "swarm: stop received from 127.0.0.1" in messages) == (4, True), messages
+    assert answers == (["tester (127.0.0.1)"], []), "too busy?"
     assert events(tmp_path)[-1]["why"] == "swarm: stop received from 127.0.0.1"
 
 

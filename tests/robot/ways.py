@@ -24,6 +24,7 @@ ATTEMPTS = 5
 BUSY = (
     "the control loop stalled",
     "too busy?",
+    "no answer; ",
     "of the commands to it are answered",
     "arrives whole",
     "that a drive command does not end",

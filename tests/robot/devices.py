@@ -85,6 +85,7 @@ class Devices(Surroundings):
         self.instead, self.is_stuck, self.suspended = {}, False, threading.Lock()
         self.commands, self.lidar_commands, self.log = [], [], []
         self._told, self._is_over, self._stack = deque(), False, contextlib.ExitStack()
+        self._terminals, self._turns = None, 0
         self._twin = Twin(self, Script(faults=list(self._faults())), self.log.append)
         (robot,) = self._twin.robots
         self.rvr, self.lidar, self.hub = robot.rvr, robot.lidar, robot.hub
@@ -111,7 +112,7 @@ class Devices(Surroundings):
     def __enter__(self):
         compile_scan()
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
-        terminals = self._stack.enter_context(Terminals(self._twin, folder))
+        terminals = self._terminals = self._stack.enter_context(Terminals(self._twin, folder))
         self.names = PortNames(**{line: str(folder / "0" / line) for line in DEVICES})
         loop = threading.Thread(target=terminals.run, args=[self._turn], daemon=True)
         loop.start()
@@ -132,6 +133,12 @@ class Devices(Surroundings):
         """Wait until what was told before is on its way, and all that follows is as the test has set it."""
         ticks = self.ticks
         self.when(lambda: self.ticks >= ticks + 2)
+        turns = self._turns
+        self.when(lambda: self._turns >= turns + 2)  # so all that was told until then is on the lines
+
+    def is_silent(self):
+        """Whether nothing is on its way now along a slow line of a pseudo-terminal."""
+        return self._terminals is None or not self._terminals._under_way
 
     def is_let_go(self):
         """Whether nobody has a port any more that somebody had."""
@@ -174,6 +181,7 @@ class Devices(Surroundings):
 
     def _turn(self, _):
         """In each turn of the twin's loop; whether it is over."""
+        self._turns += 1
         while self._told:
             self.rvr._said.append(self._told.popleft())
         with self.suspended:

@@ -2,11 +2,13 @@
 
 import contextlib
 import errno
+import fcntl
 import math
 import os
 import random
 import subprocess
 import sys
+import termios
 import time
 
 import pytest
@@ -22,9 +24,9 @@ from mercator_design.robot.setup import ground_calibration, prompt, proximity_ca
 from mercator_design.robot.setup.ground_calibration import check_light, confused, ground_sensor, warnings
 from mercator_design.robot.setup.proximity_calibration import direction, hub
 from mercator_design.twin.devices import hub as twin_hub
-from tests.processes import LIMIT
+from tests.processes import LIMIT, wait_until
 from tests.robot.devices import CLEAR, Devices
-from tests.robot.ways import MAIN, ROOT, SOON
+from tests.robot.ways import MAIN, ROOT, SOON, made_in_time
 
 RING = Settings().proximity_angles
 OFTEN = "from mercator_design.robot.setup import ground_calibration; ground_calibration._PERIOD = 33\n"
@@ -70,6 +72,7 @@ def calibrate(folder, devices, *arguments, settings=""):
 def settle(devices):
     """Until what was measured before has come to the program."""
     devices.settle()
+    devices.when(devices.is_silent)
     time.sleep(0.03)
 
 
@@ -97,6 +100,7 @@ def lamp(devices):
 
 class TestColor:
     @pytest.mark.timing
+    @made_in_time
     def test_from_the_command_to_robot_yaml(self, live, tmp_path):
         def put_on(line):
             name = line.split()[4].rstrip(",")
@@ -123,6 +127,7 @@ class TestColor:
         assert lamp(live) == [True, False]
 
     @pytest.mark.timing
+    @made_in_time
     def test_a_robot_that_knows_one_colour_only_is_told(self, live, tmp_path):
         live.measured["ground_sensors"] = FLOOR["gray"]
         with calibrate(tmp_path, live, "color", "gray", "--seconds", "0.6") as process:
@@ -160,6 +165,7 @@ class TestColor:
         assert [each.read_text() for each in tmp_path.iterdir()] == ["name: r7\n"]
 
     @pytest.mark.timing
+    @made_in_time
     def test_an_input_that_ends_changes_nothing(self, live, tmp_path):
         with calibrate(tmp_path, live, "color", "--seconds", "0.6") as process:
             out, said = process.communicate("\n", timeout=LIMIT)
@@ -169,11 +175,12 @@ class TestColor:
         live.when(lambda: lamp(live) == [True, False])
 
     @pytest.mark.timing
+    @made_in_time
     def test_a_signal_puts_out_the_lamp(self, live, tmp_path):
         with calibrate(tmp_path, live, "color") as process:
             assert process.stderr.readline() == "Put the robot on black, then press Enter.\n"
             process.terminate()
-            assert process.wait(10) == 143
+            assert process.wait(LIMIT) == 143
         live.when(lambda: lamp(live) == [True, False])
 
     def test_a_sensor_that_is_silent(self, devices):
@@ -248,7 +255,7 @@ def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
     fingers, terminal = os.openpty()
     monkeypatch.setattr(prompt, "_STDIN", terminal)
     os.write(fingers, b"\n\n")
-    time.sleep(0.05)  # until the terminal has them
+    wait_until(lambda: fcntl.ioctl(terminal, termios.FIONREAD, bytes(4)) == (2).to_bytes(4, sys.byteorder))
     waited = []
 
     def press():
@@ -301,6 +308,7 @@ def find(devices, ask, distance=None):
 
 class TestProximity:
     @pytest.mark.timing
+    @made_in_time
     def test_from_the_command_to_robot_yaml(self, live, tmp_path):
         with calibrate(tmp_path, live, "proximity", "--distance", "0.3", "--seconds", "0.2") as process:
             said = answer(process, live, Hand(live))

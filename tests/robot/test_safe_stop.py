@@ -12,8 +12,10 @@ from mercator_design.robot.devices import link, ports, start
 from mercator_design.robot.devices.ports import open_port
 from mercator_design.robot.protocols.rvr import Host
 from mercator_design.robot.protocols.ydlidar import encode_command
+from mercator_design.robot.run import safe_stop
+from tests.processes import LIMIT
 from tests.robot.devices import Devices
-from tests.robot.ways import LAST, SLOW, SOON, free_port, running
+from tests.robot.ways import LAST, LATE, MAIN, PATIENT, SLOW, SOON, free_port, made_in_time, running
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def devices():
 @pytest.fixture
 def stop(robot_command, devices, tmp_path, monkeypatch):
     """Run it; gives exit code, rows by what they are about, and messages. Devices have time on a busy machine."""
-    monkeypatch.setattr(link, "_ANSWER", 5.0)
+    monkeypatch.setattr(link, "_ANSWER", LIMIT)
     monkeypatch.setattr(ports, "TIMEOUT", 0.5)
 
     def run(**others):
@@ -96,7 +98,7 @@ def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices,
     leave_running(devices)
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "mercator_design.robot", "stop", "--robot", tmp_path / "robot.yaml"],
+            [sys.executable, "-c", SOON + MAIN, "stop", "--robot", tmp_path / "robot.yaml"],
             cwd=Path(__file__).parents[2],
             stdout=full,
             stderr=subprocess.PIPE,
@@ -109,23 +111,26 @@ def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices,
 
 
 @pytest.mark.timing
-def test_a_run_in_progress(robot_command, tmp_path):
+@made_in_time
+def test_a_run_in_progress(robot_command, tmp_path, monkeypatch):
+    monkeypatch.setattr(link, "_ANSWER", LIMIT)
+    monkeypatch.setattr(safe_stop, "_ENDING", LIMIT)
     with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
-        assert (code, err) == (0, "")
+        assert (code, err) == (0, ""), (out, err, "too busy?")
         run, rvr, lidar = out.splitlines()
         assert run.split(maxsplit=2) == ["ok", "run", "mercator (127.0.0.1) has stopped"]
         assert rvr.startswith("ok     rvr ")
         assert lidar.startswith("ok     lidar ")
         returned, error = robot.ended()
-        assert (returned, "swarm: stop received from 127.0.0.1" in error) == (4, True)
+        assert (returned, "swarm: stop received from 127.0.0.1" in error) == (4, True), error
         robot.devices.rests_since()
 
 
 @pytest.mark.timing
 def test_a_run_that_is_suspended_has_the_port(robot_command, tmp_path):
-    with running(tmp_path) as robot:
+    with running(tmp_path, settings=LATE, lead=SOON + PATIENT) as robot:
         robot.drives()
         robot.process.send_signal(signal.SIGSTOP)
         code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")

@@ -9,7 +9,8 @@ import time
 import pytest
 
 from mercator_design.robot.run.service import notify
-from tests.robot.ways import IMPATIENT, PATIENT, SOON, running
+from tests.processes import LIMIT
+from tests.robot.ways import IMPATIENT, LATE, PATIENT, SOON, running
 
 
 @pytest.fixture
@@ -22,7 +23,7 @@ def manager(address, monkeypatch):
     """The socket that a service is told of."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(address)
-        listening.settimeout(20.0)
+        listening.settimeout(LIMIT)
         monkeypatch.setenv("NOTIFY_SOCKET", address.replace("\0", "@"))
         yield listening
 
@@ -38,7 +39,7 @@ def drain(manager):
 
 
 def test_a_run_is_ready_alive_in_each_cycle_and_stopping(manager, tmp_path):
-    with running(tmp_path, lead=SOON + PATIENT) as robot:
+    with running(tmp_path, settings=LATE, lead=SOON + PATIENT) as robot:
         assert heard(manager) == {"READY": "1", "STATUS": "mercator runs, log.jsonl"}
         assert [heard(manager) for _ in range(5)] == [{"WATCHDOG": "1"}] * 5
         robot.process.send_signal(signal.SIGTERM)
@@ -51,7 +52,7 @@ def test_a_run_is_ready_alive_in_each_cycle_and_stopping(manager, tmp_path):
 
 
 def test_a_run_that_hangs_is_not_said_to_be_alive(manager, tmp_path):
-    with running(tmp_path, fault="time.sleep(60)", lead=SOON + PATIENT) as robot:
+    with running(tmp_path, settings=LATE, fault="time.sleep(60)", lead=SOON + PATIENT) as robot:
         robot.drives()
         robot.fault()
         time.sleep(0.1)

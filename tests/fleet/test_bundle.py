@@ -95,7 +95,8 @@ def a_run_and_its_replay(application, python, folder):
         assert "ok     clock" in checked.stdout, checked.stderr
     assert f'"control_software":"{control_digest()}"' in (folder / "log.jsonl").read_text().replace(" ", "")
     replayed = run(python, application, "replay", "log.jsonl", folder=folder)
-    assert (replayed.returncode, len(replayed.stdout.splitlines())) == (0, 5), replayed.stderr
+    assert replayed.returncode == 0, replayed.stderr
+    assert len(replayed.stdout.splitlines()) == 5, "too busy?"
 
 
 def test_services_run_this_file(application, python, tmp_path):

@@ -8,15 +8,16 @@ import sys
 from pathlib import Path
 
 from mercator_design.twin.folder import LOG
+from tests.robot.ways import MAIN
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20\n"
-COMMAND = [sys.executable, "-c", "from mercator_design.robot.cli import main; main()"]
 
 
-def start(*arguments, **streams):
-    return subprocess.Popen([*COMMAND, *map(str, arguments)], env=ENVIRONMENT, text=True, **streams)
+def start(*arguments, lead="", **streams):
+    line = [sys.executable, "-c", lead + MAIN, *map(str, arguments)]
+    return subprocess.Popen(line, env=ENVIRONMENT, text=True, **streams)
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ from mercator_design.robot.logs.log import replay
 from mercator_design.robot.run import safety
 from mercator_design.sim.simulate import Simulator
 from tests.processes import LIMIT, wait_until
-from tests.robot.ways import ALL, LATEST, in_time, soonest
+from tests.robot.ways import ALL, LATEST, WAITS, in_time, made_in_time, soonest
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
 
@@ -38,7 +38,7 @@ def run(folder, number, fsm, duration, seed=None):
     (folder / "fsm.txt").write_text(fsm)
     line = ["run", folder / "fsm.txt", "--robot", folder / str(number) / "robot.yaml", "--duration", duration]
     line += ["--seed", number if seed is None else seed, "-o", folder / f"run{number}.jsonl"]
-    with start(*line, stderr=subprocess.PIPE) as process:
+    with start(*line, lead=WAITS, stderr=subprocess.PIPE) as process:
         try:
             yield process
         finally:
@@ -66,21 +66,22 @@ def a_run_from_start_to_end(folder):
     with twin(folder, 1), run(folder, 0, EXPLORE, 0.8) as process:
         _, messages = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, messages
-        assert "commands end seen after 0.3 s" in messages
+        assert "commands end seen after 0.3 s" in messages, "too busy?"
     told = events(folder, "wheels")
     assert {event["left"] for event in told} >= {0.0, 0.3}
     assert (told[-1]["left"], told[-1]["right"], told[-1]["by"]) == (0.0, 0.0, "drive_stop")
     decisions = [decision for _, decision in replay(folder / "run0.jsonl")]
-    assert len(decisions) == 8
+    assert len(decisions) == 8, "too busy?"
     assert not any(decision.differs for decision in decisions)
 
 
+@made_in_time
 def test_a_colour_is_measured(tmp_path):
     """As docs/how-to/use-the-twin.md has it: all of the floor has one colour, and a copy of robot.yaml stays."""
     file = tmp_path / "mine.yaml"
     with twin(tmp_path, 1, "--set", "floor.background=white", "--set", "floor.zones[0].color=white"):
         shutil.copy(tmp_path / "0" / "robot.yaml", file)
-        with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, **PIPES) as process:
+        with start("calibrate", "color", "white", "--seconds", 1, "--robot", file, lead=WAITS, **PIPES) as process:
             labels, said = process.communicate("\n", timeout=LIMIT)
     assert read_settings(file).labels == {"white": (255, 255, 255)}, said
     assert (process.returncode, labels) == (0, "labels:\n  white: [255, 255, 255]\n"), said

@@ -32,6 +32,8 @@ from mercator_design.twin.folder import LOG, open_log
 from mercator_design.twin.terminals import Terminals, _free_ports
 from mercator_design.twin.twin import Twin
 from tests.processes import LIMIT, wait_until
+from tests.robot.devices import by_hand
+from tests.robot.ways import ATTEMPTS
 from tests.twin.arenas import arena
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
@@ -79,6 +81,12 @@ def hear(port, end, done):
 
 
 def test_a_session_with_all_three_devices(tmp_path):
+    assert any(has_had_a_session(tmp_path / str(number)) for number in range(ATTEMPTS))
+
+
+def has_had_a_session(tmp_path):
+    """Whether all that the devices told was read in time, and the RVR was told something in time."""
+    tmp_path.mkdir()
     with running(tmp_path) as terminals, open_ports(port_names(terminals.robots[0])) as ports:
         host, lidar, hub = rvr.Host(), ydlidar.decoder(), multiflex.decoder()
         ports["rvr"].write(host.send("get_battery_percentage"))
@@ -94,6 +102,8 @@ def test_a_session_with_all_three_devices(tmp_path):
         info, *packets = hear(
             ports["lidar"], lidar, lambda said: sum(getattr(event, "is_ring_start", False) for event in said) > 2
         )
+        if host.counts.lost or lidar.counts.lost:
+            return False
         assert info.model == 6
         turns = ydlidar.Turns()
         assert [len(turn) for packet in packets if isinstance(packet, Packet) and (turn := turns.receive(packet))] == [
@@ -102,11 +112,15 @@ def test_a_session_with_all_three_devices(tmp_path):
         ]
         ports["proximity"].write(multiflex.use_sensors(0xFF).encode())
         hear(ports["proximity"], hub, lambda said: len(said) > 3)
-        assert host.counts.lost == lidar.counts.lost == hub.counts.lost == 0
+        if host.counts.lost or lidar.counts.lost or hub.counts.lost:
+            return False
     told = [(event["left"], event["by"]) for event in events(tmp_path, "wheels") if event["robot"] == 0]
+    if (0.0, "timeout") in told:
+        return False
     assert told == [(0.0, "start"), (0.1, "drive_tank_si_units"), (0.0, "drive_stop")]
     (clock,) = events(tmp_path, "clock")
-    assert 0.0 < time.monotonic() - clock["start"] < 60.0
+    assert 0.0 < time.monotonic() - clock["start"] < LIMIT
+    return True
 
 
 _IS_EXCLUSIVE = 0x80045440  # TIOCGEXCL
@@ -128,7 +142,8 @@ time.sleep(60)
             wait_until(lambda: len(events(tmp_path, "port")) == 1)
             program.kill()
         wait_until(lambda: len(events(tmp_path, "port")) == 2)
-        time.sleep(0.05)
+        closed = events(tmp_path, "port")[-1]["time"]
+        wait_until(lambda: events(tmp_path, "poses")[-1]["time"] > closed)
         with serial.Serial(port) as opened:
             assert not any(fcntl.ioctl(opened.fileno(), _IS_EXCLUSIVE, bytes(4)))
 
@@ -156,10 +171,14 @@ def test_who_opens_briefly_is_heard_and_ports_that_are_closed_are_quiet(tmp_path
             with serial.Serial(names.rvr, 115_200) as port:
                 port.write(host.send("drive_tank_si_units", left_velocity=left, right_velocity=0.0))
             wait_until(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
-        with serial.Serial(names.proximity, 115_200) as port:
-            time.sleep(0.05)
-            assert port.in_waiting <= 40  # nothing that was said before
-        wait_until(lambda: len(events(tmp_path, "port")) == 6)
+        for k in range(3, 3 + ATTEMPTS):
+            with serial.Serial(names.proximity, 115_200) as port:
+                time.sleep(0.05)
+                waiting = port.in_waiting
+            wait_until(lambda: len(events(tmp_path, "port")) == 2 * k)  # noqa: B023 - called at once
+            if waiting <= 40:  # more may come where this thread is held up
+                break
+        assert waiting <= 40  # nothing that was said before
     mine = [event["left"] for event in events(tmp_path, "wheels") if event["robot"] == 1]
     assert mine[:3] == [0.0, 0.1, 0.2]
     assert not any(mine[3:])  # on a busy machine the wheels stop meanwhile, because nothing was sent for 2 s
@@ -265,12 +284,16 @@ def test_it_is_told_that_it_is_late_each_time_that_it_is_twice_as_late(tmp_path)
 
 
 def test_a_port_that_is_pulled_out_and_comes_back(tmp_path):
-    script = Script(faults=(PortLoss(at=0.5, duration=0.5, robot=0, device="proximity"),))
+    is_lost = threading.Event()
+    script = Script(faults=[by_hand(is_lost.is_set, PortLoss, device="proximity")])
     with running(tmp_path, script) as terminals:
         name = Path(port_names(terminals.robots[0]).proximity)
-        with serial.Serial(str(name), 115_200, timeout=LIMIT) as port, pytest.raises(serial.SerialException):
-            port.read(1000)
+        with serial.Serial(str(name), 115_200, timeout=LIMIT) as port:
+            is_lost.set()
+            with pytest.raises(serial.SerialException):
+                port.read(10**6)
         assert not name.exists()
+        is_lost.clear()
         wait_until(name.exists)
         with serial.Serial(str(name), 115_200) as port:
             hear(port, multiflex.decoder(), lambda said: len(said) > 1)

@@ -14,6 +14,7 @@ from mercator_design.serve.app import guarded
 from mercator_design.serve.http import server
 from mercator_design.serve.http.server import PatientProtocol, listening
 from mercator_design.serve.service import Service
+from tests.processes import LIMIT
 
 
 def test_health_and_readiness(client):
@@ -81,14 +82,15 @@ def test_the_document_of_the_api_says_how_to_log_in(client):
 
 
 class TestServer:
-    """The server on a socket; its waits are short, and nothing is asserted on how long they take."""
+    """The server on a socket; its waits for what does not come are short, and nothing is asserted on them."""
 
     @pytest.fixture
     def talk(self, monkeypatch):
-        monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05)
-
         async def talking(*parts):
+            monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05 if len(parts) == 1 else LIMIT)
+
             async def app(scope, receive, send):
+                monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05)  # for the next request
                 await PlainTextResponse("hello")(scope, receive, send)
 
             with listening("127.0.0.1", 0) as listener:
@@ -119,7 +121,9 @@ class TestServer:
         assert found.count(b"HTTP/1.1 200 OK") == 1
         assert found.endswith(b"hello")
 
-    def test_who_only_connects_keeps_nobody_out(self):
+    def test_who_only_connects_keeps_nobody_out(self, monkeypatch):
+        monkeypatch.setattr(server, "_HEADER_SECONDS", LIMIT)
+
         async def app(scope, receive, send):
             await PlainTextResponse("hello")(scope, receive, send)
 

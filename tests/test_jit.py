@@ -26,6 +26,7 @@ from mercator_design.system import kernel_cache
 SCRIPT = """
 from mercator_design import jit
 from mercator_design.fsm.conditions import logistic
+from tests.processes import LIMIT
 before, announced = jit.is_cached(logistic), []
 with jit.announced(lambda: announced.append(True)):
     values = [jit.compiled(logistic)(x) for x in ARGUMENTS]
@@ -305,7 +306,7 @@ def test_others_register_kernels_while_an_added_one_is_compiled(monkeypatch):
 
     def address(entry, like):
         threading.Thread(target=lambda: (jit._register_waiting(), registered.set()), daemon=True).start()
-        assert registered.wait(60.0)
+        assert registered.wait(LIMIT)
         return 1
 
     monkeypatch.setattr(jit._Entry, "address", address)

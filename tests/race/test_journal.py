@@ -363,7 +363,7 @@ class TestLock:
         path.write_bytes(complete)
         script = (
             "import sys, time; from pathlib import Path; from mercator_design.race.running.journal import Journal;"
-            "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(60)"
+            "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(600)"
         )
         with started(sys.executable, "-c", script, path, stdout=subprocess.PIPE) as process:
             assert process.stdout.readline() == "has it\n"

@@ -32,6 +32,7 @@ def folder(raced, tmp_path, monkeypatch):
     shutil.copytree(raced, tmp_path / "r")
     monkeypatch.setattr(page, "request", lambda facts: "")
     monkeypatch.setattr(follow, "_POLL", 0.02)
+    monkeypatch.setattr(follow, "_FAREWELL", LIMIT)
     return tmp_path / "r"
 
 
@@ -106,7 +107,7 @@ class TestEnd:
             fcntl.flock(journal._file, fcntl.LOCK_UN)
             assert json.loads(ask(server, "/live")[2]) == {"ended": True}
             assert ask(server)[2] == "report"
-            thread.join(30)
+            thread.join(LIMIT)
             assert not thread.is_alive()
 
     def test_a_report_that_cannot_be_made(self, folder):
@@ -118,7 +119,7 @@ class TestEnd:
             thread.start()
             fcntl.flock(journal._file, fcntl.LOCK_UN)
             assert ask(server)[2] == "<p>r/fsm.txt: damaged</p>"
-            thread.join(30)
+            thread.join(LIMIT)
             assert not thread.is_alive()
 
     def test_or_some_time_later(self, folder, monkeypatch):

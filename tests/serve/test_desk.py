@@ -12,7 +12,7 @@ from mercator_design.errors import MissionError
 from mercator_design.serve.desk import desk as module
 from mercator_design.serve.desk.desk import ASKED_BY, Busy, Desk, TooMuchWork
 from mercator_design.serve.settings import ServiceError
-from tests.processes import wait_until
+from tests.processes import LIMIT, wait_until
 
 
 def add(one, other=1):
@@ -50,7 +50,7 @@ def unsendable():
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
-    desk = Desk(1, 60.0, 2000, (), folder)
+    desk = Desk(1, LIMIT, 2000, (), folder)
     yield desk
     desk.close()
 
@@ -92,8 +92,8 @@ def test_time_limit(desk, monkeypatch):
     desk.run(add, 1)  # its start has a limit of its own
     monkeypatch.setattr(desk, "_seconds", 0.05)
     with pytest.raises(TooMuchWork, match=r"longer than the 0.05 s that the service allows"):
-        desk.run(sleep, 60)
-    assert desk.run_within(60.0, sleep, 0.3) is None
+        desk.run(sleep, 600)
+    assert desk.run_within(LIMIT, sleep, 0.3) is None
     monkeypatch.undo()
     assert desk.run(add, 1) == 2
 
@@ -109,7 +109,7 @@ def test_busy(desk, monkeypatch):
 
 def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_PATIENCE", 0.0)
-    desk = Desk(3, 60.0, 2000, (), tmp_path)
+    desk = Desk(3, LIMIT, 2000, (), tmp_path)
     with desk._helper("ann"), desk._helper("ann"):
         with pytest.raises(Busy), desk._helper("ann"):
             pass
@@ -120,7 +120,7 @@ def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
 
 
 def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 60.0)
+    monkeypatch.setattr(module, "_PATIENCE", LIMIT)
     monkeypatch.setattr(module, "_MOST_OF_USER", 2)
     monkeypatch.setattr(module, "_MOST", 3)
     waiting = []
@@ -138,7 +138,7 @@ def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
             with pytest.raises(Busy, match="too much work"), desk._helper(user):
                 pass
     for thread in threads:
-        thread.join(60)
+        thread.join(LIMIT)
     assert waiting == [2, 2]
 
 
@@ -146,7 +146,7 @@ def test_memory_limit(desk, monkeypatch):
     process, _ = desk.run(where)
     monkeypatch.setattr(desk, "_megabytes", 1)
     with pytest.raises(TooMuchWork, match="more than the 1 MB of memory"):
-        desk.run(sleep, 60)
+        desk.run(sleep, 600)
     monkeypatch.undo()
     assert desk.run(where)[0] != process
 
@@ -172,7 +172,7 @@ def is_there(process):
 
 
 def test_close_ends_work_and_processes(tmp_path):
-    desk = Desk(1, 60.0, 2000, (), tmp_path)
+    desk = Desk(1, LIMIT, 2000, (), tmp_path)
     process, _ = desk.run(where)
     failed = []
 
@@ -186,14 +186,14 @@ def test_close_ends_work_and_processes(tmp_path):
     thread.start()
     wait_until(lambda: not desk._idle)
     desk.close()
-    thread.join(60)
+    thread.join(LIMIT)
     assert failed
     wait_until(lambda: not is_there(process))
     assert not desk._idle
 
 
 def test_a_desk_that_is_closed_starts_no_process(tmp_path):
-    desk = Desk(1, 60.0, 2000, (), tmp_path)
+    desk = Desk(1, LIMIT, 2000, (), tmp_path)
     desk.close()
     with pytest.raises(ServiceError, match="the service ends"):
         desk.run(add, 1)

@@ -15,6 +15,7 @@ from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
 from mercator_design.serve.accounts.refusals import MAX_BODY, MAX_FORM
 from mercator_design.serve.accounts.users import LOCAL
+from tests.processes import LIMIT
 from tests.serve.asgi import ask, request
 
 JSON = {"content-type": "application/json"}
@@ -597,9 +598,9 @@ class TestStreams:
 
             task = asyncio.create_task(follow(headers))
             try:
-                await asyncio.wait_for(steps(app, parts, got), 30)
+                await asyncio.wait_for(steps(app, parts, got), LIMIT)
                 await parts.put(b"")
-                await asyncio.wait_for(task, 30)
+                await asyncio.wait_for(task, LIMIT)
             finally:
                 task.cancel()
             return got

@@ -11,6 +11,7 @@ from mercator_design.errors import RaceError
 from mercator_design.serve.desk.desk import ASKED_BY, Busy
 from mercator_design.serve.desk.races import Part
 from mercator_design.serve.web.kept import Kept
+from tests.processes import LIMIT
 
 
 class FakeDesk:
@@ -114,15 +115,15 @@ def test_nobody_waits_for_a_computation(place):
 
     def slow(folder):
         entered.set()
-        go.wait(60)
+        go.wait(LIMIT)
         return part(folder)
 
     thread = threading.Thread(target=place.kept.get, args=(slow, place.folder))
     thread.start()
-    entered.wait(60)
+    entered.wait(LIMIT)
     assert place.kept.get(slow, place.folder) == (None, False)
     go.set()
-    thread.join(60)
+    thread.join(LIMIT)
     assert place.kept.get(slow, place.folder) == (Part("job 1", None), True)
     assert place.desk.n == 1
 

@@ -22,11 +22,11 @@ from mercator_design.missions.plugins import CHANGES
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.placing import first_free
 from mercator_design.system import kernel_cache
+from tests.processes import LIMIT
 
 SCRIPT = """
 from mercator_design import jit
 from mercator_design.fsm.conditions import logistic
-from tests.processes import LIMIT
 before, announced = jit.is_cached(logistic), []
 with jit.announced(lambda: announced.append(True)):
     values = [jit.compiled(logistic)(x) for x in ARGUMENTS]

@@ -17,7 +17,7 @@ import yaml
 
 from mercator_design.config import spelling
 from mercator_design.errors import excerpt
-from mercator_design.system.files import contents_of
+from mercator_design.system.files import small_text
 
 MAX_FILE_SIZE = 256 * 1024
 MAX_DEPTH = 32
@@ -89,12 +89,7 @@ def text_of(path: Path, *, error: type[Exception] = Fault) -> str:
     Raises:
         error: with the path and what is wrong with the file.
     """
-    data = contents_of(path, MAX_FILE_SIZE, error)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as wrong:
-        line = data.count(b"\n", 0, wrong.start) + 1
-        raise error(f"{path}:{line}: expected UTF-8 text, found the byte 0x{data[wrong.start]:02x}") from None
+    return small_text(path, MAX_FILE_SIZE, error)
 
 
 def is_text(text: str) -> bool:

@@ -51,13 +51,14 @@ def contents_of(path: Path, max_size: int, error: type[Exception], label: str = 
 
 
 def small_text(path: Path, max_size: int, error: type[Exception], label: str = "") -> str:
-    """The text of a UTF-8 file; errors are those of `contents_of`."""
+    """The text of a UTF-8 file; errors are those of `contents_of`, with the line of what is not UTF-8."""
     data = contents_of(path, max_size, error, label)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
+        line = data.count(b"\n", 0, wrong.start) + 1
         found = f"found the byte 0x{data[wrong.start]:02x}"
-        raise error(f"{label or path}: expected UTF-8 text, {found}") from None
+        raise error(f"{label or path}:{line}: expected UTF-8 text, {found}") from None
 
 
 @contextlib.contextmanager

@@ -195,6 +195,7 @@ class TestFile:
             (b"--nstates 1 --s0 1\n--nstates 1 --s0 1\n", "line 1, line 2"),
             (b"# a\n\n--nstates 1 --s0 7\n", "fsm.txt:3"),
             (b"\xff\xfe\x00", "expected UTF-8 text, found the byte 0xff"),
+            (b"# a comment\n--nstates \xff", ":2: expected UTF-8 text, found the byte 0xff"),
             (b"#" * 100_000, "at most"),
         ],
     )

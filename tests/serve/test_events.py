@@ -62,6 +62,17 @@ def test_it_goes_on_after_any_event(ann, quiet, ended):
             assert rest[-1][0] == "state"
 
 
+def test_a_run_folder_that_is_raced_anew_gives_its_new_events(ann, quiet, ended):
+    ann.get(f"{JOBS}/{ended}/events")
+    journal = quiet.folder(ended) / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    lines[3], lines[4] = lines[4], lines[3]
+    (new := journal.with_name("new")).write_bytes(b"".join(lines))
+    new.rename(journal)  # as long as the one of before
+    raced = parsed(ann.get(f"{JOBS}/{ended}/events").text)[:-1]
+    assert [data for _, data, _ in raced] == journal_of(quiet, ended)
+
+
 @pytest.mark.parametrize("place", ["1", "99999999", "18446744073709551615"])
 def test_places_that_are_none_are_refused(ann, ended, place):
     answer = ann.get(f"{JOBS}/{ended}/events", headers={"Last-Event-ID": place})

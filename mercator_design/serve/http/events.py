@@ -5,7 +5,6 @@ import logging
 import time
 from collections.abc import AsyncIterator, Iterable
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query
@@ -19,7 +18,7 @@ from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import Job
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.serve.jobs.operations import NotPossible
-from mercator_design.serve.jobs.races import CHUNK, JournalEvent, check_place, events_from, length_of
+from mercator_design.serve.jobs.races import JournalEvent, check_place, events_in, length_of, lines_from
 from mercator_design.serve.service import Service
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
@@ -70,16 +69,16 @@ async def follow(
 
 
 async def _stream(service: Service, user: User, identity: str, place: int) -> AsyncIterator[bytes]:
-    """The text of the events; many in one piece, because hundreds may follow fast races."""
+    """The text of the events; many in one piece, because races may be fast."""
     journal, shown, silent = service.store.run_folder(identity) / JOURNAL, None, 0.0
     while True:
         now = service.index.get(identity)
         if now is None or not may_see(user, now):  # deleted, or no longer shared
             return
         try:
-            while (end := min(length_of(journal), place + CHUNK)) > place and (found := _piece(journal, place, end)):
-                place, text = found
-                yield text
+            while length_of(journal) > place and (lines := lines_from(journal, place)):
+                yield _piece(lines, place)
+                place += len(lines)
                 await asyncio.sleep(_PAUSE)
         except ValueError as error:  # damaged; who comes back is told so
             _log.warning("job %s: its journal: %s", identity, error)
@@ -94,14 +93,13 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         if (silent := silent + _PERIOD) >= _KEEPALIVE:
             silent = 0.0
             yield KEEPALIVE_COMMENT
-        await asyncio.sleep(_PERIOD - time.monotonic() % _PERIOD)  # all together, so that a piece is read once
+        await asyncio.sleep(_PERIOD - time.monotonic() % _PERIOD)  # all together, so that a piece is made once
 
 
-@lru_cache(maxsize=256)
-def _piece(journal: Path, place: int, end: int) -> tuple[int, bytes] | None:  # noqa: ARG001 - a key of the cache
-    """The text of the events from a place on, of a journal that has bytes up to an end, and the place after them."""
-    found = events_from(journal, place)
-    return (found[-1].place, _text(found)) if found else None
+@lru_cache(maxsize=128)  # hundreds may follow the same race
+def _piece(lines: bytes, place: int) -> bytes:
+    """The text of the events in lines of a journal that begin at a place."""
+    return _text(events_in(lines, place))
 
 
 def _text(events: Iterable[JournalEvent]) -> bytes:

@@ -100,15 +100,12 @@ def check_place(journal: Path, place: int) -> None:
     raise ValueError(f"expected the place of an event, found {place}")
 
 
-def events_from(journal: Path, place: int) -> list[JournalEvent]:
-    """Events of a journal from a place on, at most those of CHUNK bytes; none if there are no more yet.
+def lines_from(journal: Path, place: int) -> bytes:
+    """Whole lines of a journal from a place on, of about CHUNK bytes; none if there are no more yet.
 
     Args:
         journal: Its file.
         place: One that `check_place` accepts.
-
-    Raises:
-        ValueError: The journal is damaged.
     """
     try:
         with journal.open("rb") as file:
@@ -117,9 +114,18 @@ def events_from(journal: Path, place: int) -> list[JournalEvent]:
             while data and b"\n" not in data and (more := file.read(CHUNK)):
                 data += more
     except FileNotFoundError:
-        return []
+        return b""
+    return data[: data.rfind(b"\n") + 1]
+
+
+def events_in(lines: bytes, place: int) -> list[JournalEvent]:
+    """The events in whole lines of a journal that begin at a place.
+
+    Raises:
+        ValueError: The journal is damaged.
+    """
     found = []
-    for line in data[: data.rfind(b"\n") + 1].splitlines(keepends=True):
+    for line in lines.splitlines(keepends=True):
         place += len(line)
         found.append(_event(line, place))
     return found

@@ -132,7 +132,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.function = Experimenter(simulator)
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
-        self._pfsms: dict[int, Pfsm] = {}
+        self._pfsms: dict[int, tuple[Configuration, Pfsm]] = {}  # by number, which may have been a wrong prediction
         self._files: dict[str, bytes] = {}
 
     @classmethod
@@ -188,9 +188,10 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Pfsm, int]:
         number, instance = experiment
-        if number not in self._pfsms:
-            self._pfsms[number] = to_pfsm(configuration, self.flavour)
-        return self._pfsms[number], self.test_seed(instance) if test else self.seed(instance)
+        known = self._pfsms.get(number)
+        if known is None or known[0] is not configuration:
+            known = self._pfsms[number] = configuration, to_pfsm(configuration, self.flavour)
+        return known[1], self.test_seed(instance) if test else self.seed(instance)
 
     def test_seed(self, instance: int) -> int:
         """As `Task.test_seed`: those of `api.fresh_instances(TEST_SEED, ...)`."""

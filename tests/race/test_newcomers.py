@@ -42,7 +42,9 @@ def first(space, n, *, history=None, initial=(), simple=0.5, structure=True):
 
 def later(history, n, *, elites=(0, 1, 2), surrogate=0.5, structure=True):
     newcomers = Newcomers(history.space, history, structure=structure)
-    return newcomers.later(n, elites, surrogate=surrogate, generator=draws)
+    n_proposed, further = round(surrogate * n), draws("neighbours")
+    neighbours = newcomers.neighbours(n - n_proposed, elites, further)
+    return newcomers.later(n, elites, neighbours, n_proposed=n_proposed, proposals=draws("proposals"), draws=further)
 
 
 class TestFirst:

@@ -69,19 +69,39 @@ class Newcomers:
             found.add((self._canonical(one), None) for one in sampled)
         return found.children
 
+    def neighbours(self, n: int, elites: Sequence[int], draws: Generator) -> list[Child]:
+        """Up to n neighbours of elites, each of one that is drawn.
+
+        Args:
+            n: Maximum number.
+            elites: Numbers of the elites.
+            draws: Makes all random draws.
+        """
+        found = _Different(self._space, self._is_possible)
+        found.add(self._moved(n, elites, draws))
+        return found.children
+
     def later(
-        self, n: int, elites: Sequence[int], *, surrogate: float, generator: Callable[[str], Generator]
+        self,
+        n: int,
+        elites: Sequence[int],
+        neighbours: Sequence[Child],
+        *,
+        n_proposed: int,
+        proposals: Generator,
+        draws: Generator,
     ) -> list[Child]:
-        """Up to n children of elites: neighbours, and others that a surrogate proposes.
+        """Up to n children of elites: those that a surrogate proposes, then neighbours.
 
         Args:
             n: Maximum number.
             elites: Numbers of the elites, best first.
-            surrogate: Part of the children that the surrogate proposes.
-            generator: Returns the generator of a purpose.
+            neighbours: The first neighbours.
+            n_proposed: Maximum number of those that the surrogate proposes.
+            proposals: Makes the random draws of the surrogate.
+            draws: Makes those of further neighbours.
         """
         found = _Different(self._space, self._is_possible)
-        n_proposed = round(surrogate * n)
         if n_proposed:
             if self._proposer is None:  # made late: finding BLAS and the features of a space takes time
                 self._proposer = Proposer(self._space, self._encoding, self._structure)
@@ -90,16 +110,15 @@ class Newcomers:
                     n_proposed,
                     elites,
                     self._history,
-                    generator=generator("proposals"),
+                    generator=proposals,
                     excluded=lambda one: not self._is_possible(one),
                 )
             )
-        draws = generator("neighbours")
+        found.add(neighbours)
         for _ in range(_MAX_TRIES):
             if (n_left := n - len(found.children)) <= 0:
                 break
-            parents = draws.choice(elites, size=n_left).tolist()
-            found.add(zip(self._neighbours(parents, draws), parents, strict=True))
+            found.add(self._moved(n_left, elites, draws))
         return found.children[:n]
 
     def _is_possible(self, configuration: Configuration) -> bool:
@@ -121,14 +140,17 @@ class Newcomers:
                     return
                 yield one, None
 
-    def _neighbours(self, parents: Sequence[int], draws: Generator) -> list[Configuration]:
-        """A configuration that differs from each parent by a move or a few."""
+    def _moved(self, n: int, elites: Sequence[int], draws: Generator) -> list[Child]:
+        """For each of n elites that are drawn, a configuration that differs from it by a move or a few."""
+        parents = draws.choice(elites, size=n).tolist()
         configurations = [self._history.configurations[number] for number in parents]
         if self._structure is not None:
-            return [self._structure.neighbour(one, draws) for one in configurations]
-        rows = self._encoding.rows(configurations)
-        moved = self._encoding.settled(Moves(self._encoding, draws).mutated(rows, rows))
-        return [self._encoding.configuration(row) for row in moved]
+            children = [self._structure.neighbour(one, draws) for one in configurations]
+        else:
+            rows = self._encoding.rows(configurations)
+            moved = self._encoding.settled(Moves(self._encoding, draws).mutated(rows, rows))
+            children = [self._encoding.configuration(row) for row in moved]
+        return list(zip(children, parents, strict=True))
 
 
 class _Different:

@@ -46,6 +46,7 @@ class Tuner(Task[Call]):
     WINNER = "best.txt"
     START: ClassVar = {}
     speculates = False  # a run may be expensive
+    predicts = False  # programs may keep files by the number
 
     def __init__(self, scenario: Scenario, method: str = "irace") -> None:
         self.scenario = scenario

@@ -8,7 +8,7 @@ expected costs (additive_model.py).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import NamedTuple
@@ -17,7 +17,7 @@ import numpy as np
 
 from mercator_design.errors import RaceError
 from mercator_design.race.candidates.newcomers import Child, Newcomers
-from mercator_design.race.methods.optimizer import Batches, Optimizer
+from mercator_design.race.methods.optimizer import Batches, Optimizer, Upcoming
 from mercator_design.race.racing.additive_model import expected, table
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
@@ -155,7 +155,7 @@ class Halving(Optimizer):
             elites = [elite.configuration for elite in self.elites]
             self.iteration += 1
             self._n_iterations = self.iteration + max(left // self._n_experiments(len(elites) + size) - 1, 0)
-            children = self._newcomers.later(n, elites, surrogate=self.options.surrogate, generator=self._generator)
+            children = yield from self._later_children(n, elites)
             n = self._n_affordable(len(children), left)  # fewer may take more experiments, as instances are whole
             if n == 0:
                 self.iteration -= 1  # nothing has run in this one
@@ -178,6 +178,27 @@ class Halving(Optimizer):
         if len(children) < 2:
             raise RaceError("space: expected several different configurations to be allowed, found one")
         return children[: self._n_first(len(children), max_experiments)]
+
+    def _later_children(self, n: int, elites: Sequence[int]) -> Generator[Upcoming, object, list[Child]]:
+        """Up to n children of elites. Elites and neighbours are upcoming before the surrogate proposes the others."""
+        n_proposed = round(self.options.surrogate * n)
+        draws = self._generator("neighbours")
+        neighbours = self._newcomers.neighbours(n - n_proposed, elites, draws)
+        if n_proposed:
+            known = {number: self.configurations[number] for number in elites}
+            new = enumerate((child for child, _ in neighbours), start=len(self.configurations) + n_proposed)
+            configurations = {**known, **dict(new)}
+            instances = range(self._n_seen, self._n_seen + self._rungs(len(elites) + n)[0].n_instances)
+            experiments = [Experiment(number, instance) for instance in instances for number in configurations]
+            yield Upcoming(experiments, configurations)
+        return self._newcomers.later(
+            n,
+            elites,
+            neighbours,
+            n_proposed=n_proposed,
+            proposals=self._generator("proposals"),
+            draws=draws,
+        )
 
     def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:
         """Run elites and newcomers on new instances; drop the worse half after each rung, until a few are left."""

@@ -6,7 +6,7 @@ rejects its configuration for the whole race. The budget is never exceeded.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,19 @@ from mercator_design.race.space.space import Space
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Batches = Generator[list[Experiment], Sequence[float], None]
+
+class Upcoming(NamedTuple):
+    """What the next batch will most probably have, known before its other configurations, which take time to propose.
+
+    experiments: In their order.
+    configurations: Of these experiments, by numbers that new ones will most probably have.
+    """
+
+    experiments: list[Experiment]
+    configurations: Mapping[int, Configuration]
+
+
+Batches = Generator[list[Experiment] | Upcoming, Sequence[float], None]
 
 
 class Optimizer(ABC):
@@ -37,6 +49,7 @@ class Optimizer(ABC):
         history: Configurations, costs and elites.
         notes: Notes for the user, for example on a reduced plan.
         iteration: The current one, from 1; 0 before the first `ask`.
+        upcoming: What `ask` will most probably give, while it has to propose configurations; else None.
         stop_reason: Why there are no more iterations; None while there may be.
 
     Raises:
@@ -58,6 +71,7 @@ class Optimizer(ABC):
         self._n_iterations = 0
         self._alive: list[int] = []  # of the current iteration, while it runs
         self._best: Elite | None = None  # of the current iteration, where it is known
+        self.upcoming: Upcoming | None = None
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
         self._error: RaceError | None = None
@@ -97,7 +111,10 @@ class Optimizer(ABC):
 
     @abstractmethod
     def _run(self) -> Batches:
-        """The algorithm, to the end of the budget: a generator that yields batches and is sent their costs."""
+        """The algorithm, to the end of the budget: a generator that yields batches and is sent their costs.
+
+        Before it proposes configurations, it may yield what is upcoming.
+        """
 
     @property
     def configurations(self) -> list[Configuration]:
@@ -145,9 +162,9 @@ class Optimizer(ABC):
         Raises:
             RaceError: The budget is too small for a first iteration, or too few configurations are allowed.
         """
-        if self._batch is None:
+        while self._batch is None:
             self._advance(lambda: next(self._batches))
-        return list(self._batch or [])
+        return list(self._batch)
 
     def tell(self, costs: Sequence[float]) -> None:
         """Take the costs of the experiments that `ask` gave, in their order.
@@ -176,14 +193,15 @@ class Optimizer(ABC):
         self._batches = self._run()
         self._batch = None
 
-    def _advance(self, step: Callable[[], list[Experiment]]) -> None:
-        """Compute the next batch. An error is raised again at each later call."""
+    def _advance(self, step: Callable[[], list[Experiment] | Upcoming]) -> None:
+        """Compute the next batch, or what is upcoming. An error is raised again at each later call."""
         if self._error is not None:
             raise self._error
         try:
-            self._batch = step()
+            found = step()
+            self._batch, self.upcoming = (None, found) if isinstance(found, Upcoming) else (found, None)
         except StopIteration:
-            self._batch = []
+            self._batch, self.upcoming = [], None
         except RaceError as error:
             self._batch, self._error = None, error
             raise

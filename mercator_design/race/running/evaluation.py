@@ -11,9 +11,10 @@ from itertools import takewhile
 from typing import Annotated, TypeVar
 
 from mercator_design.config.schema import Range
+from mercator_design.errors import RaceError
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running.events import Measurement, TestDone
+from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.running.executors import Executor, Failed, attempt
 from mercator_design.race.running.outcome import read_result
 from mercator_design.race.running.task import Problem
@@ -48,6 +49,21 @@ class Testing:
     def experiments(self, race: Optimizer) -> list[Experiment]:
         """All tests, in their order; test instances are counted from 0."""
         return [Experiment(c, instance) for c in self.configurations(race) for instance in range(self.runs)]
+
+
+def known_tests(
+    problem: Problem[T], tests: Sequence[Experiment], noted: Mapping[Experiment, TestDone]
+) -> dict[Experiment, TestDone]:
+    """Those of some tests that are in a record, in their order.
+
+    Raises:
+        RaceError: One has another seed.
+    """
+    known = {one: noted[one] for one in tests if one in noted}
+    for one in known.values():
+        if one.seed != (seed := problem.test_seed(one.instance)):
+            raise RaceError(f"journal: expected test instance {one.instance} to have seed {seed}, found {one.seed}")
+    return known
 
 
 def results_of(
@@ -87,6 +103,20 @@ def results_of(
         if stopped():
             return
         yield one, attempt(partial(problem.evaluate, item(one)), alive, Exception)
+
+
+def experiment_of(problem: Problem[T], number: int, where: Experiment, result: Measurement | Failed) -> ExperimentDone:
+    """The event of an experiment of the current batch that has run."""
+    score, outcome, failure = read_result(result)
+    return ExperimentDone(
+        experiment=number,
+        iteration=problem.optimizer.iteration,
+        **where._asdict(),
+        seed=problem.seed(where.instance),
+        score=score,
+        outcome=outcome,
+        failure=failure,
+    )
 
 
 def test_of(problem: Problem[T], where: Experiment, result: Measurement | Failed) -> TestDone:

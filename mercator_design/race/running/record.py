@@ -7,7 +7,7 @@ not depend on interruptions, executors or tests.
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeVar
 
@@ -84,6 +84,28 @@ class Record:
     def ended(self) -> list[IterationEnded]:
         """The iterations that have ended, in their order."""
         return [self.iterations[number] for number in sorted(self.iterations)]
+
+    def new_configurations(
+        self, numbers: Iterable[int], values: Sequence[Configuration], parents: Sequence[int | None]
+    ) -> list[ConfigurationAdded]:
+        """Those that are not in the record.
+
+        Args:
+            numbers: Of configurations.
+            values: Of all configurations.
+            parents: Of all configurations.
+
+        Raises:
+            RaceError: The record has others of the same number.
+        """
+        new = []
+        for number in numbers:
+            if number not in self.configurations:
+                new.append(ConfigurationAdded(configuration=number, parent=parents[number], values=values[number]))
+            elif (self.configurations[number], self.parents[number]) != (values[number], parents[number]):
+                found = f"{self.configurations[number]} from {self.parents[number]}"
+                raise another_race(f"configuration {number}: {values[number]} from {parents[number]}", found)
+        return new
 
     def scores_of(self, configuration: int) -> dict[int, float]:
         """The current scores of a configuration, by instance of the race."""
@@ -304,3 +326,10 @@ def _named(where: Experiment) -> str:
 
 def _text(value: Mapping[str, Any]) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def another_race(expected: str, found: str) -> RaceError:
+    """The error if a race does not do what its record says."""
+    return RaceError(
+        f"journal: expected {expected}, found {found}: it is of another race, or of another version of this program"
+    )

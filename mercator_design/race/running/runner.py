@@ -6,7 +6,8 @@ by running it again with its record: only experiments that had not finished are 
 
 Idle workers run speculative experiments: those that the race will ask for if nothing is eliminated. This is possible
 because an experiment is a pure function of configuration and seed. A speculative experiment that the race does not ask
-for costs time, but no budget, and does not influence the race.
+for costs time, but no budget, and does not influence the race. While the race proposes configurations, in a thread of
+its own, workers run what is upcoming; its results are held until the configurations have their numbers.
 
 If the problem has an evaluator, it computes the costs when a whole batch has run, by comparing the alive
 configurations. It may replace earlier costs on the same instance.
@@ -19,11 +20,11 @@ from functools import partial
 from typing import Generic, TypeVar
 
 from mercator_design.errors import RaceError
+from mercator_design.race.methods.asking import Asking
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.evaluation import Testing, results_of, test_of
+from mercator_design.race.running.evaluation import Testing, experiment_of, known_tests, results_of, test_of
 from mercator_design.race.running.events import (
-    ConfigurationAdded,
     Event,
     ExperimentDone,
     IterationEnded,
@@ -36,7 +37,7 @@ from mercator_design.race.running.events import (
 from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, Items, attempt
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
-from mercator_design.race.running.record import Record
+from mercator_design.race.running.record import Record, another_race
 from mercator_design.race.running.task import Problem, RaceResult
 
 T = TypeVar("T")
@@ -90,6 +91,8 @@ class RaceRun(Generic[T]):
         self._todo: deque[Experiment] = deque()  # those that have not begun
         self._under_way: dict[int, Experiment] = {}  # by the index of its item
         self._likely: Iterator[Experiment] | None = None  # speculative experiments; None if not computed yet
+        self._asking: Asking | None = None  # for the next batch, while the race proposes it
+        self._held: dict[Experiment, Measurement | Failed] = {}  # results that are not recorded yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
         self._n_told = 0
         self._n_iterations = 0
@@ -143,39 +146,35 @@ class RaceRun(Generic[T]):
         record = self._record
         yield from self._advance()
         for place, result in self._executor.run(self.problem.function, Items(self._next_item, lambda: len(self._todo))):
-            experiment = self._under_way.pop(place)
-            failed = bool(read_result(result)[2])
-            if experiment in self._missing and (failed or self.problem.evaluate is None):
-                self._finish(experiment, result)
-            elif isinstance(result, Measurement) and not failed:  # a failure runs again if the race asks for it
-                self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
+            if (experiment := self._under_way.pop(place, None)) is not None:  # else its prediction was wrong
+                self._held[experiment] = result
+            if self._asking is None:
+                self._receive()
             yield from self._advance()
+        if self._asking is not None:  # stopped
+            self._take(self._asking)
+            yield from self._unseen()
         if self._failures:
             raise self._failures[min(self._failures)]
         if not self._ended:
             raise ExecutorStopped
-        if self._n_told != len(record.experiments):
-            raise _another(f"{self._n_told} experiments in all", f"{len(record.experiments)}")
-        if self._n_iterations != len(record.iterations):
-            raise _another(f"{self._n_iterations} iterations in all", f"{len(record.iterations)}")
-        if self._n_revised != len(record.revised):
-            raise _another(f"{self._n_revised} batches with revised scores", f"{len(record.revised)}")
+        for found, what, noted in (
+            (self._n_told, "experiments", record.experiments),
+            (self._n_iterations, "iterations", record.iterations),
+            (self._n_revised, "batches with revised scores", record.revised),
+        ):
+            if found != len(noted):
+                raise another_race(f"{found} {what} in all", f"{len(noted)}")
         raced = {one.configuration for one in record.experiments.values()}
         if unknown := record.configurations.keys() - raced:
-            raise _another("no configurations but those that were raced", f"{len(unknown)} others")
+            raise another_race("no configurations but those that were raced", f"{len(unknown)} others")
 
     def _run_tests(self, testing: Testing) -> Iterator[Event]:
         """Run the tests that the record does not have."""
-        problem, noted = self.problem, self._record.tests
-        tests = testing.experiments(self._optimizer)
-        known = [one for one in tests if one in noted]
-        missing = [one for one in tests if one not in noted]
-        for one in known:
-            if noted[one].seed != (seed := problem.test_seed(one.instance)):
-                raise RaceError(
-                    f"journal: expected test instance {one.instance} to have seed {seed}, found {noted[one].seed}"
-                )
-            yield noted[one]
+        problem, tests = self.problem, testing.experiments(self._optimizer)
+        known = known_tests(problem, tests, self._record.tests)
+        yield from known.values()
+        missing = [one for one in tests if one not in known]
         results = results_of(problem, self._executor, missing, self._optimizer.configurations, known, self._is_over)
         for where, result in results:
             test = test_of(problem, where, result)
@@ -183,7 +182,7 @@ class RaceRun(Generic[T]):
             yield from self._unseen()
         if self._failures:
             raise self._failures[min(self._failures)]
-        if any(one not in noted for one in tests):
+        if any(one not in self._record.tests for one in tests):
             raise ExecutorStopped
 
     def _is_over(self) -> bool:
@@ -198,7 +197,8 @@ class RaceRun(Generic[T]):
             yield self._pending.popleft()
 
     def _item(self, experiment: Experiment) -> T:
-        return self.problem.item(experiment, self._optimizer.configurations[experiment.configuration])
+        upcoming = self._asking and self._asking.upcoming.get(experiment)
+        return self.problem.item(experiment, upcoming or self._optimizer.configurations[experiment.configuration])
 
     def _cost(self, score: float | None) -> float:
         return float("inf") if score is None else self.problem.cost(score)
@@ -207,6 +207,8 @@ class RaceRun(Generic[T]):
         """The next item to run: first those of the batch, then speculative ones while workers would be idle."""
         if self._ended or self._is_over():
             raise StopIteration
+        if self._asking is not None and not self._todo:
+            self._take(self._asking)
         experiment = self._todo.popleft() if self._todo else self._next_speculative()
         if experiment is None:
             return None
@@ -222,6 +224,10 @@ class RaceRun(Generic[T]):
     def _advance(self) -> Iterator[Event]:
         """Tell the race its costs and ask for the next batch, until an experiment has to run or the race has ended."""
         while not (self._ended or self._is_over()):
+            if self._asking is not None:
+                if not self._asking.done and (self._todo or self._under_way):
+                    return
+                self._take(self._asking)
             self._evaluate()
             yield from self._unseen()
             if self._missing or self._failures:
@@ -233,16 +239,47 @@ class RaceRun(Generic[T]):
                 self._optimizer.tell([self._cost(one.score) for one in finished])
                 self._note_iterations()
                 yield from self._unseen()
-            self._batch = self._optimizer.ask()
-            self._likely = None
-            if self._batch:
-                self._look_up()
+            self._ask()
+            if self._batch or self._asking is not None:
                 continue
             self._note_end()
             yield from self._unseen()
             if not self._ended:
                 self._optimizer.extend(self._record.budgets[self._n_ends])
         yield from self._unseen()
+
+    def _ask(self) -> None:
+        """Ask for the next batch; in a thread if experiments that have not run are upcoming."""
+        self._likely = None
+        is_ahead = self._n_told == len(self._record.experiments) and self.problem.speculates and self.problem.predicts
+        if not (is_ahead and self._optimizer.upcoming):
+            self._batch = self._optimizer.ask()
+            if self._batch:
+                self._look_up()
+            return
+        self._asking = Asking(self._optimizer, {*self._under_way.values(), *self._record.speculative})
+        self._batch = []
+        self._todo.extend(self._asking.upcoming)
+
+    def _take(self, asking: Asking) -> None:
+        """Take the batch that was asked for, and record the results that are held, if their numbers were right."""
+        self._batch, self._asking = asking.batch(), None
+        self._under_way = {place: one for place, one in self._under_way.items() if asking.is_right(one)}
+        self._held = {one: result for one, result in self._held.items() if asking.is_right(one)}
+        self._todo.clear()
+        if self._batch:
+            self._look_up()
+        self._receive()
+
+    def _receive(self) -> None:
+        """Record the results that are held."""
+        for experiment, result in self._held.items():
+            failed = bool(read_result(result)[2])
+            if experiment in self._missing and (failed or self.problem.evaluate is None):
+                self._finish(experiment, result)
+            elif isinstance(result, Measurement) and not failed:  # a failure runs again if the race asks for it
+                self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
+        self._held.clear()
 
     def _note_iterations(self) -> None:
         for ended in self._optimizer.iterations[self._n_iterations :]:
@@ -253,7 +290,7 @@ class RaceRun(Generic[T]):
                 self._note(iteration)
                 continue
             if replace(known, note="") != replace(iteration, note=""):  # another version may write another note
-                raise _another(f"{iteration}", f"{known}")
+                raise another_race(f"{iteration}", f"{known}")
             self._pending.append(known)
 
     def _look_up(self) -> None:
@@ -269,10 +306,10 @@ class RaceRun(Generic[T]):
             found = (one.configuration, one.instance, one.seed, one.iteration)
             if expected != found:
                 what = "configuration {} on instance {} with seed {} in iteration {}"
-                raise _another(f"experiment {number}: {what.format(*expected)}", what.format(*found))
+                raise another_race(f"experiment {number}: {what.format(*expected)}", what.format(*found))
             self._pending.append(one)
         self._pending += self._record.revised.get(self._n_told, {}).values()
-        under_way = set(self._under_way.values())
+        under_way = {*self._under_way.values(), *self._held}
         for experiment in list(self._missing):
             if experiment in self._record.speculative:
                 if self.problem.evaluate is None:
@@ -307,7 +344,7 @@ class RaceRun(Generic[T]):
 
     def _revise_score(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record that the evaluation of a batch has replaced a score."""
-        done = self._done(self._n_told, experiment, result)
+        done = experiment_of(self.problem, self._n_told, experiment, result)
         revised = ScoreRevised(experiment=self._n_told, **experiment._asdict(), score=done.score, failure=done.failure)
         self._accept(result, done, self._n_told, revised)
 
@@ -319,13 +356,13 @@ class RaceRun(Generic[T]):
         instances = set() if self.problem.evaluate is None else {experiment.instance for experiment in self._batch}
         for number, instance in revised:
             if instance not in instances or number not in self._optimizer.competitors(instance):
-                raise _another("no revised score", f"that of configuration {number} on instance {instance}")
+                raise another_race("no revised score", f"that of configuration {number} on instance {instance}")
         self._n_revised += 1
         self._optimizer.revise({experiment: self._cost(one.score) for experiment, one in revised.items()})
 
     def _finish(self, experiment: Experiment, result: Measurement | Failed) -> None:
         """Record an experiment that the race has asked for."""
-        done = self._done(self._missing.pop(experiment), experiment, result)
+        done = experiment_of(self.problem, self._missing.pop(experiment), experiment, result)
         self._accept(result, done, done.experiment)
 
     def _accept(
@@ -343,31 +380,13 @@ class RaceRun(Generic[T]):
         else:
             self._note(revised or done)
 
-    def _done(self, number: int, experiment: Experiment, result: Measurement | Failed) -> ExperimentDone:
-        score, outcome, failure = read_result(result)
-        return ExperimentDone(
-            experiment=number,
-            iteration=self._optimizer.iteration,
-            **experiment._asdict(),
-            seed=self.problem.seed(experiment.instance),
-            score=score,
-            outcome=outcome,
-            failure=failure,
-        )
-
     def _note_configurations(self) -> None:
-        values, parents, record = self._optimizer.configurations, self._optimizer.parents, self._record
-        numbers, new = dict.fromkeys(experiment.configuration for experiment in self._batch), []
-        for number in numbers:
-            if number not in record.configurations:
-                new.append(ConfigurationAdded(configuration=number, parent=parents[number], values=values[number]))
-            elif (record.configurations[number], record.parents[number]) != (values[number], parents[number]):
-                found = f"{record.configurations[number]} from {record.parents[number]}"
-                raise _another(f"configuration {number}: {values[number]} from {parents[number]}", found)
-        if new:
+        numbers = dict.fromkeys(experiment.configuration for experiment in self._batch)
+        values, parents = self._optimizer.configurations, self._optimizer.parents
+        if new := self._record.new_configurations(numbers, values, parents):
             self._note(*new)
         for number in numbers:
-            record.configurations[number] = values[number]  # once in memory is enough
+            self._record.configurations[number] = values[number]  # once in memory is enough
 
     def _note_end(self) -> None:
         budget = self._record.budgets[self._n_ends]
@@ -377,12 +396,6 @@ class RaceRun(Generic[T]):
         noted = self._record.ends[self._n_ends]
         self._pending.append(noted)
         if (noted.budget, noted.experiments, noted.winner) != (end.budget, end.experiments, end.winner):
-            raise _another(f"the end {end}", f"{noted}")
+            raise another_race(f"the end {end}", f"{noted}")
         self._n_ends += 1
         self._ended = self._n_ends == len(self._record.budgets)
-
-
-def _another(expected: str, found: str) -> RaceError:
-    return RaceError(
-        f"journal: expected {expected}, found {found}: it is of another race, or of another version of this program"
-    )

@@ -45,16 +45,21 @@ class Problem(ABC, Generic[T]):
         evaluate: None, or computes the cost of an experiment that `function` has run; it may compare the given
             configurations.
         speculates: Whether idle workers run speculative experiments.
+        predicts: Whether they may also run those of configurations that have no numbers yet, by predicted numbers.
     """
 
     optimizer: Optimizer
     function: Callable[[T], Measurement]
     evaluate: Callable[[T, Sequence[int]], Measurement] | None = None
     speculates: bool = True
+    predicts: bool = True
 
     @abstractmethod
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> T:
-        """The item of an experiment, for `function`; for a test, that of its test instance."""
+        """The item of an experiment, for `function`; for a test, that of its test instance.
+
+        A configuration that is given with a predicted number may not get it: then another one is given with it.
+        """
 
     def start(self) -> dict[str, Any]:
         """The start of this race; races with equal starts are equal."""

@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 import click
 
+from mercator_design.cli.inputs import warn_of_mission
 from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
@@ -51,6 +52,7 @@ def irace(
     Prints the command that runs it.
     """
     simulator = Simulator(load_mission(mission, overrides))
+    warn_of_mission(simulator, refuse=True)
     designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method="irace")
     designer.prepare(print_message)
     write_irace_scenario(output, designer, jobs=jobs or available_jobs())

@@ -365,6 +365,12 @@ class TestRefused:
             CliRunner().invoke(cli, [*verb, "m.yaml"], catch_exceptions=False)
         assert [each.name for each in tmp_path.iterdir()] == ["m.yaml"]
 
+    def test_what_is_no_more_than_odd_is_a_warning_of_an_export(self, tmp_path):
+        odd = ["--set", "placement.heading=90", "--budget", "60", "-o", str(tmp_path / "there")]
+        done = CliRunner().invoke(cli, ["export", "irace", "aggregation", *odd])
+        assert done.exit_code == 0, done.output
+        assert "Warning: --set placement.heading=90: placement.heading: 90 rad is more than a whole turn" in done.output
+
     def test_when_a_race_is_resumed(self, tmp_path, monkeypatch):
         """As one that a version began which did not look."""
         folder = str(tmp_path / "run")

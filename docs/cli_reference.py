@@ -39,12 +39,13 @@ def walk(name: str, command: click.Command) -> Iterator[Named]:
 
 
 def section(name: str, command: click.Command) -> str:
-    """Usage, description, arguments and options of a command."""
+    """Usage, description, arguments and options of a command, and what its help ends with."""
     usage = " ".join([name, *(one for p in command.params if (one := in_usage(p))), *trailing(command)])
     options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
     rows = [(cell(names(p)), cell(meaning(p))) for p in options]
     parts = [f"## {name}\n", f"```\n{usage}\n```\n", *(f"{one}\n" for one in paragraphs(command.help or ""))]
-    return "\n".join([*parts, *([table(("option", "what"), rows)] if rows else [])])
+    parts += [table(("option", "what"), rows)] if rows else []
+    return "\n".join([*parts, *(f"{one}\n" for one in paragraphs(command.epilog or "") if one)])
 
 
 def trailing(command: click.Command) -> list[str]:
@@ -71,7 +72,9 @@ def value(parameter: click.Parameter) -> str:
         return "|".join(map(str, kind.choices))
     if isinstance(kind, click.Path):
         return "DIRECTORY" if not kind.file_okay else "FILE"
-    return {"integer": "N", "integer range": "N", "float": "X", "float range": "X"}.get(kind.name, "TEXT")
+    if isinstance(kind, click.types.StringParamType):
+        return "TEXT"
+    return {"integer": "N", "integer range": "N", "float": "X", "float range": "X"}.get(kind.name, kind.name.upper())
 
 
 def names(option: click.Option) -> str:
@@ -82,7 +85,7 @@ def names(option: click.Option) -> str:
 def meaning(option: click.Option) -> str:
     """The help of an option, with its default."""
     text = re.sub(r" {2,}", " ", option.help or "")
-    if option.show_default is True and isinstance(option.default, str | int | float) and not option.is_flag:
+    if option.show_default is True and isinstance(option.default, str | int | float | Path) and not option.is_flag:
         text += f" [default: {option.default}]"
     return text + " Required." * option.required
 

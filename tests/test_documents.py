@@ -60,6 +60,9 @@ def test_the_reference_of_commands_is_the_programs():
     for heading in ("mdesign race", "mdesign runs ablation", "mercator-robot calibrate color", "mercator-robot twin"):
         assert f"\n## {heading}\n" in shown
     assert "| `--budget N` | Maximum number of experiments;" in shown
+    assert "is the format. [default: plot.png] |\n" in shown
+    assert "| `--start X,Y,DEGREES` |" in shown
+    assert shown.count("\n\nIf the service has users, your token comes from ") == 4
 
 
 COMMAND = re.compile(

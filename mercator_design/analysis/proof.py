@@ -75,7 +75,7 @@ class Proof:
 
 
 def default_runs(designer: Designer, record: Record) -> int:
-    """The number of instances for which the experiments take about a tenth of the race; at least 5, at most 50."""
+    """The number of instances for which the experiments are about 8 % of the budget; at least 5, at most 50."""
     n = len(_contestants(designer, record))
     return max(_FEWEST, min(_MOST, int(_SHARE * record.budget / n)))
 

@@ -37,7 +37,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "robots": LazyVerb("mercator_design.cli.robots.models", "List and show the shipped robot models."),
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, compare, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
-    "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: a page and an HTTP API."),
+    "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: web pages and an HTTP API."),
     "submit": LazyVerb("mercator_design.serve.cli.submit", "Submit a design job to a service."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "users": LazyVerb("mercator_design.serve.cli.users", "Add, list and revoke users of the design service."),

@@ -92,8 +92,8 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 def sample(class_: MissionClass, seed: int, number: int, output: Path) -> None:
     """Write random missions of a class, for a test of a method on new missions.
 
-    The same class and seed give the same missions; they do not depend on the number. Prints the names of the files,
-    CLASS-SEED-1.yaml and so on. These files must not exist.
+    The same class and seed give the same missions; the first missions are the same whatever --number is. Prints the
+    names of the files, CLASS-SEED-1.yaml and so on. These files must not exist.
     """
     with writing(output):
         output.mkdir(parents=True, exist_ok=True)

@@ -40,12 +40,19 @@ def seed_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
 
 SEED = seed_of("Master seed of all randomness.")
-JOBS = click.option(
-    "-j",
-    "--jobs",
-    type=click.IntRange(1, 256),
-    help="Number of experiments that run at the same time.  [default: the cores of this machine]",
-)
+
+
+def jobs_of(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --jobs, with the default in words."""
+    return click.option(
+        "-j",
+        "--jobs",
+        type=click.IntRange(1, 256),
+        help=f"Number of experiments that run at the same time.  [default: {default}]",
+    )
+
+
+JOBS = jobs_of("the cores of this machine")
 
 
 def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it

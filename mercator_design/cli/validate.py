@@ -25,10 +25,11 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 @LENIENT
 @PLUGIN
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
-    """Check missions, robot models and fsm.yaml (*.yaml, *.yml, names of shipped missions) and fsm.txt (all others).
+    """Check missions, robot models and FSM files.
 
-    A mission is valid only if its robots find places to start from. Prints a line for each file. The exit code is 3 if
-    any file is invalid.
+    Missions, robot models and fsm.yaml are *.yaml, *.yml and names of shipped missions and robot models; all others are
+    fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. Prints a line
+    for each file. The exit code is 3 if any file is invalid.
     """
     invalid = False
     for file in files:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result, read_controller
+from mercator_design.command import FILE, LENIENT, print_result, read_controller
+from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.words.difference import difference
 
 _WORDS = {
@@ -18,7 +19,11 @@ _WORDS = {
 @click.command()
 @click.argument("one", type=FILE)
 @click.argument("other", type=FILE)
-@FLAVOUR
+@click.option(
+    "--flavour",
+    type=click.Choice(FLAVOURS),
+    help="Flavour of the module numbers.  [default: that of each file's header, else watermelon]",
+)
 @LENIENT
 def diff(one: Path, other: Path, flavour: str | None, lenient: bool) -> None:
     """Say how the PFSM of OTHER differs from that of ONE: in states, transitions and parameters.

@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import click
 
 from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import DESIGN_FLAVOUR, JOBS, PLUGIN, PROGRESS, SEED, SET
+from mercator_design.cli.options import DESIGN_FLAVOUR, PLUGIN, PROGRESS, SEED, SET, jobs_of
 from mercator_design.cli.races.common import (
     JSON_LINES,
     NOTICE,
@@ -37,6 +37,7 @@ from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
+_JOBS = jobs_of("the cores of this machine; with Dask, twice the workers' threads")
 
 
 @click.command()
@@ -48,7 +49,7 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
     "cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
-@JOBS
+@_JOBS
 @OUTPUT
 @RESUME
 @DESIGN_FLAVOUR
@@ -68,7 +69,8 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
     "--timeout",
     type=NumberRange(0, min_open=True),
     metavar="SECONDS",
-    help="Time limit of an experiment, which fails when it is over (with --executor processes).",
+    help="Time limit of an experiment (with --executor processes): its worker is killed and it runs once more; then it "
+    "fails.",
 )
 @ON_FAILURE
 @click.option(

@@ -27,8 +27,8 @@ def report(
     The report is one HTML file that needs no network. If the race has ended, its winner is compared with others on
     fresh instances; the results are kept in the folder, so these experiments run only once.
 
-    With --follow, the page is served on the loopback while the race runs, and shows its progress. Ctrl-C ends this
-    (exit code 130), not the race; else it ends with the race (exit code 0).
+    With --follow, the page is served at an address of this computer alone, and shows the race while it runs. The
+    command ends with the race (exit code 0), or by Ctrl-C (130), which does not end the race.
     """
     if port and not follow:
         raise click.UsageError("--port needs --follow")

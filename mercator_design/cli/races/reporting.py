@@ -23,7 +23,7 @@ PROOF_RUNS = click.option(
     type=click.IntRange(0, 10**6),
     metavar="N",
     help="In the report, compare the winner with others on N fresh instances, beyond the budget; 0: do not.  "
-    "[default: as many as take about a tenth of the race]",
+    "[default: about 8 % of the budget, but at least 5 and at most 50 instances each]",
 )
 NO_REPORT = click.option(
     "--no-report", is_flag=True, envvar="MDESIGN_NO_REPORT", help="Do not write report.html into the results' folder."
@@ -46,7 +46,7 @@ def write_report(
         folder: The run folder.
         output: The page.
         task: The task, if this process has run the race.
-        proof_runs: Number of fresh instances. [default: those of the proof in the folder, else a tenth of the budget]
+        proof_runs: Number of fresh instances. [default: those of the proof in the folder, else `default_runs`]
         jobs: Experiments run at once. [default: the cores of this machine]
         progress: How to show the progress of experiments.
         stopped: Returns whether to stop; called before each experiment.

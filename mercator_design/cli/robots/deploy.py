@@ -52,7 +52,7 @@ from mercator_design.robot.run.senses import why_device_is_needed
     default=60.0,
     show_default=True,
     metavar="SECONDS",
-    help="Time limit of each connection to a robot.",
+    help="Time limit of each connection, and for robots to be ready.",
 )
 def deploy(
     fsm: Path | None,
@@ -70,8 +70,10 @@ def deploy(
 ) -> None:
     """Copy FSM, and the file that `mdesign bundle` makes, to robots over ssh; check, start and stop them, collect logs.
 
-    All robots start within one control cycle, or none starts. Prints a row for each robot. The exit code is 1 if
-    something failed on any robot.
+    All robots start within one control cycle. If one cannot start, the others do not, or are stopped within a second.
+    Prints a row for each robot.
+
+    Exit codes: 1, something failed on a robot; 3, FSM or ROBOTS.yaml is invalid.
     """
     ends = stop or collect is not None
     if (fsm is not None or check) == ends:

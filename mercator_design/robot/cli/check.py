@@ -20,8 +20,8 @@ from mercator_design.robot.setup.check import check as findings
     "--json",
     "as_json",
     is_flag=True,
-    help="Print a line of JSON for each finding and one at the end, and answer questions for the clock; for "
-    "`mdesign deploy --check`.",
+    help="Print a line of JSON for each finding and one at the end, and answer requests on stdin that compare the "
+    "clocks; for `mdesign deploy --check`.",
 )
 @WITHOUT
 def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) -> None:

@@ -20,7 +20,7 @@ from mercator_design.robot.setup import install as installation
     type=click.Path(path_type=Path, file_okay=False, exists=True, resolve_path=True),
     default="/",
     show_default=True,
-    help="Write below a folder, and run no command; the files are still for this system.",
+    help="Write the files below this folder instead of /, and run no command. Their contents are for this system.",
 )
 @click.option(
     "--duration",

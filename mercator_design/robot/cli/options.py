@@ -75,7 +75,7 @@ def naming_in_the_end(path: Path, what: str, report: Callable[[str], None]) -> I
             report(f"The {what} is {path}")
 
 
-def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:
+def _robot(name: str, read: Callable[[Path | None], Any], what: str = "Settings of this robot.") -> Callable[[FC], FC]:
     return click.option(
         "--robot",
         name,
@@ -83,11 +83,12 @@ def _robot(name: str, read: Callable[[Path | None], Any]) -> Callable[[FC], FC]:
         envvar=_VARIABLE,
         metavar="ROBOT.yaml",
         callback=lambda _context, _parameter, path: read(path),
-        help=f"Settings of this robot.  [default: ${_VARIABLE}, or a usual Mercator]",
+        help=f"{what}  [default: ${_VARIABLE}, or default settings]",
     )
 
 
 ROBOT = _robot(_SETTINGS, settings_of)
+ROBOT_OF_SENDER = _robot(_SETTINGS, settings_of, "File with the port and key of the heartbeats.")
 ROBOT_FILE = _robot(_FILE, lambda path: path)
 """The option of verbs that change the file."""
 

@@ -14,7 +14,12 @@ from mercator_design.robot.teleop.recording import record as write
 
 @click.command()
 @ROBOT
-@click.option("--duration", type=NumberRange(0.1, 1e6), metavar="SECONDS", help="[default: until Ctrl-C]")
+@click.option(
+    "--duration",
+    type=NumberRange(0.1, 1e6),
+    metavar="SECONDS",
+    help="Duration of the recording.  [default: until Ctrl-C]",
+)
 @click.option(
     "-o",
     "--output",

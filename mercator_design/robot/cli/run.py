@@ -18,7 +18,9 @@ from mercator_design.robot.run.senses import why_device_is_needed
 @click.command()
 @click.argument("fsm", type=FILE)
 @ROBOT
-@click.option("--duration", type=DURATION, metavar="SECONDS", help="[default: until it is stopped]")
+@click.option(
+    "--duration", type=DURATION, metavar="SECONDS", help="Duration of the run.  [default: until it is stopped]"
+)
 @click.option(
     "--seed",
     type=SEED,
@@ -32,7 +34,8 @@ from mercator_design.robot.run.senses import why_device_is_needed
 @click.option(
     "--await-start",
     is_flag=True,
-    help="Begin together with other robots, as sent over the standard input; for `mdesign deploy --start`.",
+    help="Wait for the start time, which is read from stdin, to begin together with other robots; for "
+    "`mdesign deploy --start`.",
 )
 @FLAVOUR
 @LENIENT
@@ -50,8 +53,8 @@ def run(
 ) -> None:
     """Run the PFSM of an fsm.txt.
 
-    The robot stops when the duration is over, on Ctrl-C or another signal, and when something is wrong: a sensor that
-    the PFSM reads is silent, a port is lost, the battery is critical, a stop comes from the swarm.
+    The robot stops when the duration is over, on Ctrl-C or another signal, and when something is wrong, for example: a
+    sensor that the PFSM reads is silent, a port is lost, the battery is critical, a stop comes from the swarm.
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed

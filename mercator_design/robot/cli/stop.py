@@ -10,7 +10,7 @@ from mercator_design.command import FILE, print_message, print_result
 from mercator_design.config.schema import FieldError
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import RobotError, SettingsError, Signalled, printable
-from mercator_design.robot.cli.options import ROBOT, show
+from mercator_design.robot.cli.options import ROBOT, ROBOT_OF_SENDER, show
 from mercator_design.robot.devices.settings import Settings, SwarmSettings, check_key
 from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safe_stop import safe_stop
@@ -54,7 +54,7 @@ def stop(hosts: tuple[str, ...], settings: Settings, port: int | None) -> None:
 
 @click.command()
 @click.argument("hosts", nargs=-1, required=True, metavar="HOST...")
-@ROBOT
+@ROBOT_OF_SENDER
 @_PORT
 @click.option(
     "--key-file",

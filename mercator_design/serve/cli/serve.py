@@ -33,7 +33,7 @@ _COMPILING = 1800.0
     help="The service is behind a proxy with TLS: trust its X-Forwarded headers. See hosts, proxies in serve.yaml.",
 )
 def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path | None, *, behind_proxy: bool) -> None:
-    """Run the design service: a page and an HTTP API for submitting, following and keeping designs.
+    """Run the design service: web pages and an HTTP API for submitting, following and keeping designs.
 
     Without users (mdesign users), only this machine may use it. To open it to other machines, add users, and use TLS: a
     certificate, or a proxy. Limits and workers are set in serve.yaml in the data folder. Ctrl-C stops the service; its

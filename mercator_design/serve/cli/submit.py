@@ -58,7 +58,8 @@ def submit(
     """Submit a job that designs control software for MISSION, and print its name.
 
     MISSION is a YAML file, or the name of a shipped mission (see `mdesign missions`). The file may not name other files
-    of this machine, because only its text is sent. The options are those of `mdesign race`.
+    of this machine, because only its text is sent. --budget, --seed, --flavour, --method, --test-runs and --set mean
+    the same as for `mdesign race`.
 
     Exit codes: 3, the service refuses the mission or the request; 1, it cannot be reached or cannot take the job.
     """

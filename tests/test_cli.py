@@ -249,6 +249,19 @@ class TestEvaluate:
         found = json.loads(mdesign("evaluate", folder / "fsm.txt", "-n", 20, "--json")[1])
         assert max(found["scores"]) <= 1  # of one robot, as raced
 
+    def test_a_run_folder_stands_for_its_winner(self, mdesign, tmp_path, fsm, monkeypatch):
+        folder = tmp_path / "r"
+        folder.mkdir()
+        (tmp_path / "r" / "fsm.txt").write_text(fsm.read_text())
+        monkeypatch.chdir(tmp_path)
+        found = [mdesign("evaluate", file, "-n", 10, "--json", *QUICK) for file in (folder, folder / "fsm.txt")]
+        assert found[0] == found[1]
+        assert mdesign("record", folder, *QUICK, "-o", "trace.csv")[0] == 0
+        assert mdesign("replay", folder, *QUICK, "--compare", folder)[0] == 0
+        code, _, err = mdesign("evaluate", tmp_path)
+        assert code == 3
+        assert str(tmp_path) in err
+
     def test_a_moved_file_is_measured_on_the_mission_that_was_raced(self, mdesign, tmp_path):
         folder = tmp_path / "r"
         mdesign("race", "aggregation", "--budget", 60, "-o", folder, "--set", "robots=4", "--set", "duration=4")

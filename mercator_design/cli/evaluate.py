@@ -11,9 +11,9 @@ from mercator_design.analysis.swarm import evaluate_with_stats
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission
-from mercator_design.cli.options import CONTROLLER, CSV, JOBS, JSON, MISSION, PROGRESS, SEED
+from mercator_design.cli.options import CONTROLLER, CSV, FSM, JOBS, JSON, MISSION, PROGRESS, SEED
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import FILE, print_note, print_result, read_controllers, warn
+from mercator_design.command import print_note, print_result, read_controllers, warn
 from mercator_design.config.writing import digest_of
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
@@ -33,7 +33,7 @@ from mercator_design.sim.simulate import Simulator
 
 
 @click.command()
-@click.argument("fsm", type=FILE, nargs=-1, metavar="[FSM]...")
+@click.argument("fsm", type=FSM, nargs=-1, metavar="[FSM]...")
 @click.option(
     "--fsm-config", metavar="TEXT", help="The controller as text, instead of FSM: --nstates ..., as in AutoMoDe."
 )
@@ -82,6 +82,8 @@ def evaluate(
     **given: Unpack[Given],
 ) -> None:
     """Measure the controller of an fsm.txt on fresh instances of its mission, or on given ones.
+
+    FSM may also be a run folder, whose winner is measured.
 
     Several controllers, as files or as lines of a file, run on the same instances: a table with paired tests shows
     which is best.

@@ -6,8 +6,8 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import CONTROLLER, MISSION, seed_of
-from mercator_design.command import FILE, print_message, print_result, read_controller
+from mercator_design.cli.options import CONTROLLER, FSM, MISSION, seed_of
+from mercator_design.command import print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
@@ -15,7 +15,7 @@ from mercator_design.system.files import replacing, writing
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FSM)
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
 )
@@ -43,6 +43,8 @@ def record(
     **given: Unpack[Given],
 ) -> None:
     """Run one experiment and write its trace: poses, states and the readings of devices, with time stamps.
+
+    FSM may also be a run folder, whose winner then runs.
 
     Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,

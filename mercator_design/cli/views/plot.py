@@ -36,7 +36,7 @@ from mercator_design.view.pictures.plots import KINDS, save_plots
 def plot(shown: list[ShownExperiment], output: Path, kinds: tuple[str, ...]) -> None:
     """Plot experiments: a row for each kind of plot, and a column for each experiment.
 
-    The sources are those of `mdesign replay`.
+    The sources are those of `mdesign replay`: FSM may also be a run folder, whose winner then runs.
 
     \b
     trajectories  paths of the robots, in the colours of their states

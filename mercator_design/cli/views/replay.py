@@ -43,9 +43,10 @@ def replay(
 ) -> None:
     """Show an experiment: a page that plays it, a film or a picture.
 
-    FSM runs now, on the instance of --seed. TRACE is a .npz or .csv file of `mdesign record`, or of a tracking camera:
-    the columns time, robot, x, y, heading and, if known, state. LOG is what `mercator-robot run` wrote; several robots
-    of one experiment are shown together, at the poses of their odometry.
+    FSM runs now, on the instance of --seed; it may also be a run folder, whose winner then runs. TRACE is a .npz or
+    .csv file of `mdesign record`, or of a tracking camera: the columns time, robot, x, y, heading and, if known, state.
+    LOG is what `mercator-robot run` wrote; several robots of one experiment are shown together, at the poses of their
+    odometry.
 
     The page is one file that plays without a network, in any browser.
     """

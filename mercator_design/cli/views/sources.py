@@ -9,9 +9,8 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import CONTROLLER, seed_of
-from mercator_design.command import FILE, print_message, read_controller, warn
-from mercator_design.designer import Designer
+from mercator_design.cli.options import CONTROLLER, FSM, seed_of
+from mercator_design.command import print_message, read_controller, warn
 from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.robot_model import load_robot_model
@@ -40,15 +39,15 @@ class StartingPose(click.ParamType):  # type: ignore[type-arg]  # has no argumen
 def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
     """Give a verb the options that say what to show; it is called with `shown`, a list of experiments."""
 
-    @click.argument("sources", nargs=-1, required=True, type=FILE, metavar="FSM|TRACE|LOG...")
+    @click.argument("sources", nargs=-1, required=True, type=FSM, metavar="FSM|TRACE|LOG...")
     @click.option(
         "--compare",
         multiple=True,
-        type=FILE,
+        type=FSM,
         metavar="FSM",
         help="Show another controller on the same instance, too. May be repeated.",
     )
-    @click.option("--fsm", type=FILE, help="The controller of a TRACE, to name its states.")
+    @click.option("--fsm", type=FSM, help="The controller of a TRACE, to name its states.")
     @click.option(
         "--start",
         "starts",
@@ -76,7 +75,6 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         overrides: tuple[str, ...],
         **others: Any,  # noqa: ANN401 - the verb's
     ) -> None:
-        sources = tuple(path / Designer.WINNER if (path / Designer.WINNER).is_file() else path for path in sources)
         first = sources[0]
         kind = "TRACE" if first.suffix.lower() in SUFFIXES else "LOG" if is_log(first) else "FSM"
         for option, value, wanted in (

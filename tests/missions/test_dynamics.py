@@ -72,6 +72,12 @@ class TestSchedule:
         found = [seen(floor, NOBODY, 0.1 * cycle) for cycle in range(1, 13)]
         assert found == ["black", *["white"] * 2, *["red"] * 3, *["white"] * 2, *["red"] * 3, "white"]
 
+    @pytest.mark.parametrize("times", [(0.0, 0.95), (0.02, 0.05)])
+    def test_of_changes_in_one_cycle_the_last_one_stays(self, times):
+        floor = table(("schedule", {**SCHEDULE, "times": times, "every": 1.0}))
+        found = {seen(floor, NOBODY, 0.1 * cycle) for cycle in range(1, 35)}
+        assert found == {"white" if times[0] == 0 else "red"}
+
     def test_time_zero_is_the_first_cycle(self):
         floor = table(("schedule", {**SCHEDULE, "times": (0.0, 9.0)}))
         assert seen(floor, NOBODY, 0.1) == "white"

@@ -23,8 +23,16 @@ _EARLY = 1e-6
 
 @jittable
 def repaint(floor: FloorTable, table: Floats, _poses: Floats, time: float) -> None:
-    """Rows of the table: when next [s], after how long again [s], row of the zone, red, green, blue."""
-    for k in range(len(table)):
+    """Rows of the table: when next [s], after how long again [s], row of the zone, red, green, blue.
+
+    They are in the order of their times, from the next one on and round: of changes in one cycle the last one stays.
+    """
+    first = 0
+    for k in range(1, len(table)):
+        if table[k, 0] < table[first, 0]:
+            first = k
+    for j in range(len(table)):
+        k = (first + j) % len(table)
         if time > table[k, 0] - _EARLY:
             row = int(table[k, 2])
             for channel in range(3):

@@ -65,7 +65,7 @@ def gate_crossings(
     """How often robots cross a gate's line in a direction, less how often against it, but not less than 0.
 
     The line is `width` long, has its middle at `center`, and lies across the direction `angle` [rad]. Whoever is on it
-    exactly has not crossed it (DirectionalGate of NEATvsEvo).
+    exactly has not crossed it, nor who crosses it in the first cycle (DirectionalGate of NEATvsEvo).
     """
     ahead_x, ahead_y = math.cos(angle), math.sin(angle)
     dx = trace.positions[..., 0] - center[0]

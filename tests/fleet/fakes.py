@@ -48,8 +48,11 @@ if "run" in sys.argv:
         self._follower.at = max(self._follower.at, time.monotonic())
     joint.Joint.wait = wait_for_go
 if "check" in sys.argv:
+    from mercator_design.robot.devices import ports
     from mercator_design.robot.setup import check
     check.DURATION = 0.5
+    opened = ports.ExclusivePort
+    ports.ExclusivePort = lambda *given, **named: opened(*given, **{{**named, "write_timeout": 600.0}})
 del sys.argv[0]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """

@@ -50,6 +50,10 @@ def expected(costs: Floats) -> Floats:
     Outliers are clipped, so that a few of them do not decide. Means of few results are shrunk more, because a good mean
     of few results is partly luck (James and Stein 1961).
 
+    Single results of configurations have no error and count in the limit of clipping, so it is narrow where there are
+    many, and 0, without effect, where they are more than half of all. A limit without them, and effects by exact least
+    squares, gave designs that were no better (41 races on five missions at a budget of 2000, pooled p = 0.5).
+
     Args:
         costs: as for `effects`.
     """

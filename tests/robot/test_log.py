@@ -1,5 +1,6 @@
 """The log of a run: whole to its last line, and the same decisions when it is replayed, here and compiled."""
 
+import errno
 import math
 import os
 import random
@@ -13,7 +14,7 @@ import pytest
 
 from mercator_design.config.checked_lines import to_line
 from mercator_design.config.colours import COLOURS
-from mercator_design.errors import RobotError, Signalled
+from mercator_design.errors import RobotError, RobotStopped, Signalled
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
@@ -297,6 +298,28 @@ def test_why_it_ended(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fail()
     assert [*read(tmp_path / "log.jsonl", "recording")][-1]["why"] == "ZeroDivisionError"
+
+
+def test_an_error_says_that_the_log_failed_at_its_end(tmp_path, monkeypatch):
+    """Once: not if it is this failure."""
+
+    def write(file, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def stop(words=""):
+        with Log(tmp_path / "log.jsonl") as log:
+            log.begin(START)
+            wait_until(lambda: (tmp_path / "log.jsonl").stat().st_size)
+            monkeypatch.setattr(os, "write", write)
+            raise RobotStopped(words or "a sensor is silent")
+
+    failure = f"{tmp_path / 'log.jsonl'}: cannot be written: {os.strerror(errno.ENOSPC)}"
+    for words, notes in (("", [failure]), (failure, [])):
+        with pytest.raises(RobotStopped) as caught:
+            stop(words)
+        assert getattr(caught.value, "__notes__", []) == notes
+        monkeypatch.undo()
+        (tmp_path / "log.jsonl").unlink()
 
 
 def test_every_verb_has_help(robot_command):

@@ -105,10 +105,12 @@ class Log:
         self._thread.join(_DISK_LIMIT)
         if self._thread.is_alive():
             self._fail("the disk hangs")
-            return
-        os.close(self._file)
-        if not has_begun:
-            self.path.unlink(missing_ok=True)
+        else:
+            os.close(self._file)
+            if not has_begun:
+                self.path.unlink(missing_ok=True)
+        if error is not None and self.failure not in str(error):
+            error.add_note(self.failure)
 
     def begin(self, start: LogStart) -> None:
         """Append the start, the first event."""

@@ -147,7 +147,7 @@ def in_control(
     Raises:
         RobotStopped: if something stopped the wheels, naming it.
         RobotError: if a device cannot be used, the log cannot be written, or the stop of the RVR is not
-            confirmed; other exceptions have the latter as a note.
+            confirmed; other exceptions have the latter two as notes.
         Signalled: if a signal came.
     """
     raise_priority(1)

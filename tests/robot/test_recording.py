@@ -158,6 +158,16 @@ def test_signals_end_it_and_leave_it_whole(record, simulated, tmp_path, number, 
     assert events(tmp_path)[-1]["why"] == f"Stopped by {number.name}."
 
 
+def test_ctrl_c_is_an_error_if_the_stop_is_not_confirmed(record, simulated):
+    def interrupt():
+        simulated.silent.add("rvr")
+        os.kill(os.getpid(), signal.SIGINT)
+
+    simulated.then(records(simulated), interrupt)
+    code, messages = record()
+    assert (code, "Stopped by SIGINT.; RVR stop not confirmed: " in messages) == (130, True), messages
+
+
 @pytest.mark.timing
 @made_in_time
 def test_a_signal_ends_a_process_and_leaves_its_recording_whole(tmp_path):

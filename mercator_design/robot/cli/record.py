@@ -38,7 +38,8 @@ def record(settings: Settings, duration: float | None, output: str | None) -> No
         try:
             write(settings, path, duration, _print, _show)
         except Signalled as signalled:
-            if not is_made() or duration is not None or signalled.exit_code != 128 + signal.SIGINT:
+            is_wrong = hasattr(signalled, "__notes__")  # as if the stop of the RVR is not confirmed
+            if is_wrong or not is_made() or duration is not None or signalled.exit_code != 128 + signal.SIGINT:
                 raise
 
 

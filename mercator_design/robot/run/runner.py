@@ -1,4 +1,4 @@
-"""A run: one controller in control cycles of 0.1 s; the wheels are at rest on every way out."""
+"""A run: one controller in control cycles, of the period in fsm.txt; the wheels are at rest on every way out."""
 
 import math
 import time

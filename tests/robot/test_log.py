@@ -221,6 +221,14 @@ def test_a_value_that_no_log_has_is_named(log, robot_command, number, change, wo
     assert (code, err.startswith(f"Error: {log}, line {number}: {words}")) == (1, True), err
 
 
+def test_numbers_of_bytes_grow_for_days(log):
+    start, *events = read(log)
+    received = 10**11
+    events[0]["lines"] = {"lidar": [1.0, received, 0, 0, 700]}
+    log.write_text("".join(to_lines([start, *events])))
+    assert [*read(log)][1]["lines"]["lidar"][1] == received
+
+
 def test_a_line_that_is_missing_is_named(log):
     log.write_bytes(b"".join(lines(log)[:50] + lines(log)[51:]))
     with pytest.raises(RobotError, match=r"log.jsonl, line 51: expected line 51, found line 52: lines are missing or"):

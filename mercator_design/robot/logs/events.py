@@ -67,6 +67,8 @@ def _fits_its_sensor(sample: "SampleTaken") -> bool:
 
 
 Number = Annotated[float, Range(-1e9, 1e9)]
+Amount = Annotated[float, Range(-1e15, 1e15)]
+"""A number that may grow during a whole run, as that of received bytes."""
 Count = Annotated[int, Range(0, 1e9)]
 Seconds = Annotated[float, Range(0.0, 1e6)]
 """Time since the start of the log [s], up to eleven days."""
@@ -80,7 +82,7 @@ SensedValues = Annotated[
 ]
 """The age of the latest sample [s], then its values, by sensor."""
 LineValues = Annotated[
-    Mapping[str, tuple[Number, ...]],
+    Mapping[str, tuple[Amount, ...]],
     _lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
 ]
 """The numbers of LINES, by device."""

@@ -288,6 +288,19 @@ def test_what_is_forced_to_the_disk(tmp_path, monkeypatch):
     assert forced == ["folder", begun, path.stat().st_size]
 
 
+def test_what_nothing_follows_is_forced_to_the_disk(tmp_path, monkeypatch):
+    """While the log goes on."""
+    forced = [0]
+    monkeypatch.setattr(os, "fsync", lambda file: forced.append(os.fstat(file).st_size))
+    monkeypatch.setattr(log_module, "SYNC_EVERY", 0.3)
+    path = tmp_path / "log.jsonl"
+    with Log(path) as log:
+        log.begin(START)
+        log.remark("battery low")
+        wait_until(lambda: path.read_text().count("\n") == 2)
+        wait_until(lambda: forced[-1] == path.stat().st_size)
+
+
 def test_it_can_be_read_while_it_is_written(tmp_path):
     path = tmp_path / "log.jsonl"
     with Log(path) as log:

@@ -8,8 +8,9 @@ are only appended. For the events of a recording see recording.py. Those of a ru
             started them, and the `uncertainty` [s]
     cycle   its number, the time since the log's start [s], the state that acted and the next one, readings, draws,
             wheels (null if not finite), processor time of the cycle (cpu) and, since the previous cycle, of the whole
-            program (program_cpu) [s], the neighbours' distances [m] and bearings [rad], and the age [s] and values of
-            each sensor's latest sample: a distance is null where nothing is in sight, and 0 where something is too near
+            program (program_cpu) [s], the neighbours' distances [m] and bearings [rad], the age [s] and values of each
+            sensor's latest sample (sensed): a distance is null where nothing is in sight, and 0 where something is too
+            near; and the numbers of each device's line (lines), as in events.py
     note    a note on a device, and its time
     end     why the run ended
 
@@ -46,7 +47,7 @@ from mercator_design.robot.logs.events import (
 from mercator_design.system.files import sync_folder
 
 SYNC_EVERY = 1.0
-"""[s] after which written events are forced to the disk; a power failure loses later ones."""
+"""[s] after which a written event is forced to the disk: a power failure loses those of the last second at most."""
 NO_END = "the log has no end: it is still being written, or the program was killed"
 _DISK_LIMIT = 10.0  # [s] for which events may wait for the disk
 _ROUNDING = 1e-9  # of wheels, between processors
@@ -133,19 +134,30 @@ class Log:
         self.failure = f"{self.path}: cannot be written: {why}"
 
     def _write_all(self) -> None:
-        synced = time.monotonic()
-        events: Iterator[LogEvent] = iter(self._events.get, None)
         try:
-            for text in to_lines(map(to_json, events)):
+            for text in to_lines(map(to_json, self._arriving())):
                 line = text.encode()
                 while line:
                     line = line[os.write(self._file, line) :]
-                if time.monotonic() - synced > SYNC_EVERY:
-                    os.fsync(self._file)
-                    synced = time.monotonic()
             os.fsync(self._file)
         except Exception as error:  # noqa: BLE001 - no error may let the run go on without a log
             self._fail(getattr(error, "strerror", None) or repr(error))
+
+    def _arriving(self) -> Iterator[LogEvent]:
+        """The events until the end; those that were written are forced to the disk when it is time."""
+        due = math.inf  # time of the next sync
+        while True:
+            if (at := time.monotonic()) >= due:
+                os.fsync(self._file)
+                due = math.inf
+            try:
+                event = self._events.get(timeout=None if due == math.inf else due - at)
+            except queue.Empty:
+                continue
+            if event is None:
+                return
+            yield event
+            due = min(due, time.monotonic() + SYNC_EVERY)
 
 
 def plain(value: float) -> float | None:

@@ -16,7 +16,7 @@ from mercator_design.robot.run.mercator import QUERY_EVERY
 from mercator_design.robot.run.network import Speaker
 from tests.processes import LIMIT
 from tests.robot.devices import CLEAR, Devices
-from tests.robot.log_events import read
+from tests.robot.log_events import read, times_of_samples
 from tests.robot.ways import MAIN, ROOT, SOON, asked, free_port, made_in_time
 
 RATES = {
@@ -247,9 +247,16 @@ def test_a_device_that_is_not_well_ends_it(record, simulated, tmp_path):
     simulated.then(records(simulated), lambda: simulated.tell("did_sleep"))
     code, messages = record()
     assert (code, "rvr: it fell asleep" in messages) == (4, True), messages
-    *_, told, end = events(tmp_path)
-    assert (told["event"], told["text"]) == ("note", "rvr: did sleep")
-    assert end["why"] == "rvr: it fell asleep"
+    assert events(tmp_path, "note")[-1]["text"] == "rvr: did sleep"
+    assert events(tmp_path)[-1]["why"] == "rvr: it fell asleep"
+
+
+def test_what_was_heard_in_the_wait_that_ended_it_is_recorded(record, simulated, tmp_path, monkeypatch):
+    heard = times_of_samples(monkeypatch)
+    simulated.then(records(simulated), lambda: setattr(simulated.rvr, "level", 2.0))
+    code, messages = record()
+    assert (code, "battery" in messages) == (4, True), messages
+    assert [each["time"] for each in events(tmp_path, "sample")] == heard()
 
 
 @pytest.mark.timing

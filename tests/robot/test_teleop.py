@@ -31,7 +31,7 @@ from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys
 from mercator_design.robot.teleop.teleop import HELD, REPEATED, Stick, nearest_ahead
 from tests.processes import LIMIT, wait_until
 from tests.robot.devices import CLEAR, Devices
-from tests.robot.log_events import read
+from tests.robot.log_events import read, times_of_samples
 from tests.robot.ways import LATE, LATEST, MAIN, PATIENT, ROOT, SOON, asked, free_port, soonest
 
 RING = Settings().proximity_angles
@@ -385,6 +385,19 @@ class TestDriving:
         drive.later(QUERY_EVERY + 0.2, lambda: shown.append(drive.shown()) or drive.press(b"q"))
         drive.run(0, "")
         assert "\r\x1b[Krvr: the battery is low; charge it soon\r\n" in shown[0]
+
+    def test_what_was_heard_in_the_wait_that_ended_it_is_recorded(self, drive, tmp_path, monkeypatch):
+        heard, counts = times_of_samples(monkeypatch), [0]
+
+        def has_heard_one():
+            counts.append(len(heard()))
+            return counts[-1] > counts[-2]
+
+        drive.later(1.0, lambda: counts.append(len(heard())))
+        drive.devices.then(has_heard_one, lambda: setattr(drive.devices.ports["lidar"], "is_lost", True))
+        drive.run(4, "lidar", "-o", "drive.jsonl")
+        events = read(tmp_path / "drive.jsonl", "recording")
+        assert [event["time"] for event in events if event["event"] == "sample"] == heard()
 
     def test_the_battery_is_asked_after(self, drive):
         drive.later(5.0, lambda: drive.press(b"q"))

@@ -26,7 +26,7 @@ class Control:
     """Control of a robot.
 
     robot: The robot.
-    heard: Events of its devices in the latest `wait`.
+    heard: Events of its devices in the latest `wait`, also if it raised an error.
     """
 
     def __init__(self, robot: Mercator, watchdog: Watchdog, log: Log | None) -> None:
@@ -84,7 +84,8 @@ class Control:
             RobotError: if the log cannot be written.
         """
         begin = time.monotonic()
-        self.heard = self.robot.attend(until)
+        self.heard = []
+        self.robot.attend(until, self.heard)
         now = time.monotonic()
         self._late = max(self._late, begin - self._heard, now - max(begin, until))
         if self.robot.brake.why:

@@ -92,17 +92,20 @@ class Mercator:
             report(f"Warning: {unsigned}; swarm.key in robot.yaml")
             self.notes.add(Note(unsigned))
 
-    def attend(self, until: float) -> list[Heard]:
+    def attend(self, until: float, taken: list[Heard] | None = None) -> list[Heard]:
         """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
+
+        Args:
+            until: The time.
+            taken: The list for the events, which has those before an error too; None: a new one.
 
         Raises:
             RobotStopped: if a device reports that the robot must not drive, or a port is lost.
         """
-        return self._take(self._link.poll(until))
+        return self._take(self._link.poll(until), [] if taken is None else taken)
 
-    def _take(self, events: Iterable[Heard]) -> list[Heard]:
+    def _take(self, events: Iterable[Heard], taken: list[Heard]) -> list[Heard]:
         """Take in events as they come, then check the devices; errors are those of `attend`."""
-        taken = []
         for heard in events:
             taken.append(heard)
             if self.senses.take(*heard):
@@ -219,7 +222,7 @@ class Mercator:
             RobotError: if one does not come.
             RobotStopped: as `attend`.
         """
-        self._take(self._link.backlog())
+        self._take(self._link.backlog(), [])
         self._await_samples()
 
     def _await_samples(self) -> None:

@@ -14,7 +14,7 @@ It is written and read as the log of a run (log.py):
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from mercator_design.robot.devices.link import Heard
@@ -56,9 +56,10 @@ class Recorder:
     def _since_start(self, now: float) -> float:
         return round(now - self._log.began, 4)
 
-    def note_heard(self, heard: Iterable[Heard]) -> None:
-        """Write the measurements in events of devices."""
-        for event, now in heard:
+    def note_heard(self, heard: list[Heard]) -> None:
+        """Take events of devices out of a list, and write their measurements."""
+        while heard:
+            event, now = heard.pop(0)
             if now < self._log.began:
                 continue
             for name, values in converted(event):
@@ -101,8 +102,10 @@ def record(
         silent: dict[str, str] = {}
         while now < end:
             due = min(now + _CHECK_EVERY, end)
-            now = control.wait(due)
-            recorder.note_heard(control.heard)
+            try:
+                now = control.wait(due)
+            finally:
+                recorder.note_heard(control.heard)
             before, silent = silent, robot.stale(now)
             warnings = [silent[name] for name in silent.keys() - before.keys()]
             if now - due > STALL:  # for example suspended: events of that time have the present time, or are lost

@@ -84,6 +84,7 @@ def teleop(
                 control.robot.brake.stop("the drive has ended")  # before anything waits for the terminal
                 control.robot.notes.send_to(note, report)
                 if recorder is not None:
+                    recorder.note_heard(control.heard)
                     recorder.note_wheels(time.monotonic(), 0.0, 0.0)
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from mercator_design.robot.protocols import ydlidar
 from mercator_design.robot.protocols.ydlidar import (
     MAX_TURN_SAMPLES,
+    TURN,
     DeviceInfo,
     Health,
     Packet,
@@ -95,6 +96,26 @@ def test_a_turn_begins_with_a_ring_start():
     assert [turns.receive(packet) for packet in (other, start, other, other)] == [None] * 4
     assert turns.receive(start) == [*start.points(), *other.points(), *other.points()]
     assert turns.receive(start) == start.points()
+
+
+def packets_of_turns(n, offset=0, angles=720):
+    """Packets of whole turns with two samples in a degree, of which the first has the ring start at an angle."""
+    for _ in range(n):
+        yield Packet(offset % TURN, offset % TURN, (4000,), is_ring_start=True)
+        for k in range(1, angles, 40):
+            first, last = (round(offset + TURN * at / angles) for at in (k, min(k + 40, angles) - 1))
+            yield Packet(first % TURN, last % TURN, (4000,) * (min(k + 40, angles) - k))
+
+
+@pytest.mark.parametrize("offset", [0, 3 * 64, -3 * 64])
+@pytest.mark.parametrize("lost", [[], [57], [57, 58], [56, 57], [57, 76], [65, 66]])
+def test_a_turn_whose_ring_start_is_lost_ends_at_north(offset, lost):
+    """The others end at their ring starts, which may be a little before or behind north."""
+    turns = Turns()
+    found = [turns.receive(packet) for at, packet in enumerate(packets_of_turns(6, offset)) if at not in lost]
+    sizes = [len(turn) for turn in found if turn is not None]
+    assert len(sizes) == 5
+    assert sizes == pytest.approx([720] * 5, abs=40 + 40 * len(lost))
 
 
 def test_samples_without_a_ring_start_are_no_turn():

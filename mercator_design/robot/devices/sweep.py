@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
-from mercator_design.robot.protocols.ydlidar import TURN, Packet
+from mercator_design.robot.protocols.ydlidar import TURN, Packet, angle_ahead
 
 BINS = 1440
 """Bins of the ring: more than an X4 has samples in a turn, so that each sample has its own bin."""
@@ -17,7 +17,6 @@ STEP = math.tau / BINS
 MIN_READINGS = 2
 """Readings in a turn of a lidar that works."""
 
-_BACKWARDS = 10 * 64  # by which a packet may begin before the end of the previous one, as turns differ
 _GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
 _ASIDE = 2 * 64  # margin of a gap, as turns differ
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
@@ -73,7 +72,7 @@ class Sweep:
         is_gap = self._count(packet)
         packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
-            ahead = _ahead(self._last, packet.first)
+            ahead = angle_ahead(self._last, packet.first)
             if is_gap:
                 self._gaps.append((self._swept - _ASIDE, self._swept + ahead + _ASIDE))
             self._swept += ahead
@@ -99,7 +98,7 @@ class Sweep:
 
     def _count(self, packet: Packet) -> bool:
         """Add a packet to `swept`; return whether samples before it are missing."""
-        ahead = 0 if self._seen is None else _ahead(self._seen, packet.first)
+        ahead = 0 if self._seen is None else angle_ahead(self._seen, packet.first)
         is_gap = ahead > _GAP
         self._seen = packet.last
         turned = ahead + (packet.last - packet.first) % TURN
@@ -118,12 +117,6 @@ class Sweep:
                 if any(begin <= now <= end for begin, end in self._gaps):
                     found[k] = self._ranges[k]
         return found
-
-
-def _ahead(last: int, first: int) -> int:
-    """The angle from a packet's last sample to the next one's first; 0 if they overlap."""
-    ahead = (first - last) % TURN
-    return ahead if ahead < TURN - _BACKWARDS else 0
 
 
 def _seen(angle: int, heading: float) -> int:

@@ -40,6 +40,7 @@ MAX_SAMPLES = 80
 MAX_TURN_SAMPLES = 10_000
 """Samples between ring starts, two seconds of them; more are not a turn."""
 
+_BACKWARDS = 10 * 64  # by which a packet may begin before the end of the previous one, as turns differ
 _PACKET = struct.Struct("<HBBHHH")
 _PACKET_MARK = 0x55AA
 _RADIANS = math.tau / TURN
@@ -182,19 +183,47 @@ def _checksum(whole: bytes) -> int:
     return reduce(xor, words) ^ words[4]
 
 
+def angle_ahead(last: int, first: int) -> int:
+    """The angle from a packet's last sample to the next one's first; 0 if they overlap."""
+    ahead = (first - last) % TURN
+    return ahead if ahead < TURN - _BACKWARDS else 0
+
+
 class Turns:
-    """Joins packets to whole turns, without suspect packets and those before the first ring start."""
+    """Joins packets to whole turns, without suspect packets and those before the first turn begins.
+
+    A turn begins with a ring start, or, if this is lost, with the first packet beyond north. A ring start less than
+    half a turn later belongs to the turn that has begun at north.
+    """
 
     def __init__(self) -> None:
         self._points: list[Point] | None = None
+        self._last: Packet | None = None
+        self._turned = 0  # from the turn's first sample to that of the last packet [degrees / 64]
+        self._began_at_north = False
 
     def receive(self, packet: Packet) -> list[Point] | None:
         """Take a packet; return the turn that it ends by beginning the next one."""
         ended = None
-        if packet.is_ring_start:
+        if self._begins(packet):
             ended, self._points = self._points, []
         if self._points is not None and not packet.is_suspect:
             self._points += packet.points()
             if len(self._points) > MAX_TURN_SAMPLES:
                 self._points = None
         return ended
+
+    def _begins(self, packet: Packet) -> bool:
+        """Whether a turn begins with a packet."""
+        is_beyond_north = False
+        if not packet.is_suspect:
+            if (last := self._last) is not None:
+                step = (last.last - last.first) % TURN + angle_ahead(last.last, packet.first)
+                is_beyond_north = last.first + step >= TURN
+                self._turned += step
+            self._last = packet
+        is_far = self._turned >= TURN // 2
+        begins = is_far or not self._began_at_north if packet.is_ring_start else is_far and is_beyond_north
+        if begins:
+            self._turned, self._began_at_north = 0, not packet.is_ring_start
+        return begins

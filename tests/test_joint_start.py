@@ -5,11 +5,15 @@ import itertools
 import math
 import random
 import re
+import sys
+import time
+from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.robot.protocols.clocks import Clock, answer, from_line, probe, to_line
-from mercator_design.robot.protocols.joint_start import LEAD, SILENCE, Follower, Leader
+from mercator_design.robot.protocols.clocks import Clock, answer, day_of, from_line, probe, to_line
+from mercator_design.robot.protocols.joint_start import LEAD, SILENCE, Follower, Leader, Reference
+from mercator_design.robot.run.joint import Joint
 
 CYCLE, PATIENCE = 0.1, 6.0
 STEP = 0.02
@@ -333,3 +337,33 @@ class TestClock:
 
     def test_nothing_is_known_of_one_that_never_answered(self):
         assert Clock().difference.uncertainty == math.inf
+
+
+def interrupt(monkeypatch, lateness):
+    """Let time pass after each read of the time of day, which is 5000 s ahead of the monotonic clock."""
+    now, late = [100.0], iter(lateness)
+
+    def day():
+        read = now[0] + 5000.0
+        now[0] += next(late, 0.0)
+        return read
+
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "time", day)
+
+
+@pytest.mark.parametrize("lateness", [[0.03], [0.03] * 9, [0.04, 0.03, 0.04] * 4])
+def test_clocks_that_are_not_read_at_the_same_time_are_read_again(lateness, monkeypatch):
+    """As another program gets the processor between; if it always does, the shortest time of all counts."""
+    interrupt(monkeypatch, lateness)
+    error = 0.5 * min(lateness) if len(lateness) > 10 else 0.0
+    assert day_of(1.0) == pytest.approx(5001.0 - error)
+
+
+def test_the_offset_in_the_log_is_within_its_uncertainty(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: 0))
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(fileno=lambda: 1))
+    joint = Joint()
+    joint._follower.reference = Reference(host="desk", offset=4993.0, uncertainty=0.0004)
+    interrupt(monkeypatch, [0.03])
+    assert joint.clock() == ("desk", pytest.approx(7.0, abs=0.0004), 0.0004)

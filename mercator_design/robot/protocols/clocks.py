@@ -19,6 +19,8 @@ PROBE = 0.1
 """[s] between probes."""
 _MAX_ANSWERS = 100  # that are kept; clocks drift, so old ones are forgotten
 _MAX_NUMBER = 1e12
+_READS = 10  # of both clocks of this computer at most
+_APART = 1e-4  # [s] within which both are read, unless the program is interrupted in all reads
 
 
 class Difference(NamedTuple):
@@ -70,8 +72,18 @@ def answer(said: Mapping[str, Any], monotonic: float, day: float) -> str:
 
 
 def day_of(monotonic: float) -> float:
-    """The time of day [s since 1970] at a time of this computer's monotonic clock."""
-    return monotonic + time.time() - time.monotonic()
+    """The time of day [s since 1970] at a time of this computer's monotonic clock.
+
+    Another program may get the processor between the reads of the two clocks: so they are read again if that took long.
+    """
+    shortest, offset = math.inf, 0.0
+    for _ in range(_READS):
+        before, day, after = time.monotonic(), time.time(), time.monotonic()
+        if after - before < shortest:
+            shortest, offset = after - before, day - 0.5 * (before + after)
+        if shortest <= _APART:
+            break
+    return monotonic + offset
 
 
 class Clock:

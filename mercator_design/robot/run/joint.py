@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from mercator_design.errors import RobotStopped
 from mercator_design.robot.logs.events import ClockOffset
+from mercator_design.robot.protocols.clocks import day_of
 from mercator_design.robot.protocols.joint_start import Follower
 from mercator_design.robot.run.channel import Channel
 from mercator_design.robot.run.control import Control
@@ -86,7 +87,7 @@ class Joint(AtOnce):
         reference = self._follower.reference
         if reference is None:
             return None
-        ahead = time.time() - (time.monotonic() + reference.offset)
+        ahead = day_of(0.0) - reference.offset
         return ClockOffset(reference.host, ahead=round(ahead, 6), uncertainty=round(reference.uncertainty, 6))
 
     def wait(self, control: Control) -> None:

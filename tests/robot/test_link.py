@@ -144,6 +144,19 @@ def test_only_what_was_sent_comes_back_from_a_line_that_is_joined(link, line):
         link.ask("get_battery_percentage")
 
 
+def test_a_line_that_is_joined_is_noticed_whatever_else_is_sent(link, line):
+    """Several commands at once, and bytes to another device."""
+    other = Line()
+    other.device, other.answer = "lidar", lambda _commands: b""
+    both = Link([line, other])
+    line.answer = lambda commands: b"".join(command.frame.encode() for command in commands)
+    both.send("rvr", 2 * both.encode("drive_stop"))
+    both.send("lidar", b"\xa5\x65")
+    both.discard()
+    assert "what is sent comes back" in both.remedy("rvr")
+    other.close()
+
+
 def test_what_cannot_be_of_one_that_was_heard_is_not_said_of_it(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, percentage=87)
     link.ask("get_battery_percentage")

@@ -22,6 +22,7 @@ _TRIES = 5  # of a question
 _MAX_BACKLOG = 1.0  # [s] for reading the system's full buffers
 _PAUSE = 0.004  # [s] between two messages of a device, except of a lidar that scans
 _MUCH = 1000  # bytes without meaning from a device that was understood; a few are normal after a start
+# What to check if a device has sent nothing, sends no more or sends damaged data, or the RVR's port hears itself:
 _NEVER_HEARD: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on), and this computer's at 115200 baud whatever its clock (enable_uart=1)? Are TX and RX crossed? Is a "
@@ -44,7 +45,6 @@ _DAMAGED_LINE: Mapping[DeviceName, str] = {
     "proximity": "is its USB cable loose, too long, or beside one of a motor?",
 }
 _JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
-"""What to check if a device has sent nothing, sends no more or sends damaged data, or the RVR's port hears itself."""
 
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
 E = TypeVar("E", bound=Event)
@@ -80,12 +80,13 @@ class Link:
         self.answers = Answers()
         self.is_ending = False
         self._understood: set[DeviceName] = set()
-        self._sent = b""  # the latest bytes
+        self._sent = b""  # the latest bytes to the RVR
         self._is_joined = False  # whether the RVR's port receives what it sends
 
     def send(self, device: DeviceName, data: bytes) -> None:
         """Send bytes to a device; errors are those of `Line.write`."""
-        self._sent = data
+        if device == "rvr":
+            self._sent = data
         self.lines[device].write(data)
 
     def encode(self, name: str, target: Processor | None = None, /, **values: Value) -> bytes:
@@ -220,7 +221,7 @@ class Link:
         for event in self._decoders[line.device].receive(data):
             if not isinstance(event, Unknown):
                 self._understood.add(line.device)
-            elif event.frame.encode() == self._sent:
+            elif event.frame.encode() in self._sent:
                 self._is_joined = True
             if isinstance(event, Response):
                 self.answers.take(event.seq, is_damaged=event.error in DAMAGED)

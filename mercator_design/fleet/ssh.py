@@ -12,6 +12,7 @@ from typing import IO, Annotated
 
 from mercator_design.config.schema import Name, Pattern, Range
 from mercator_design.errors import RobotError
+from mercator_design.robot.protocols.lines import LineSplitter
 
 _OPTIONS = {
     "BatchMode": "yes",
@@ -52,7 +53,7 @@ class Conversation:
             RobotError: if there is no ssh.
         """
         self.has_ended, self.words = False, ""
-        self._begun = b""  # of a line
+        self._splitter = LineSplitter()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - until `close`
         try:
             self._process = subprocess.Popen(  # noqa: S603 - no shell here; the robot's file allows plain words only
@@ -83,8 +84,7 @@ class Conversation:
             self.has_ended = True
             self.words = _last_line(self._errors) or f"ssh: exit code {self._process.returncode}"
             return None
-        *lines, self._begun = (self._begun + data).split(b"\n")
-        return lines
+        return self._splitter.receive(data)
 
     @property
     def is_known_to_have_ended(self) -> bool:

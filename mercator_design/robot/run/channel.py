@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Self
 
+from mercator_design.robot.protocols.lines import LineSplitter
 from mercator_design.robot.run.safety import raise_priority
 
 _TIMEOUT = 0.05  # [s] of waiting for a line
@@ -50,15 +51,14 @@ class Channel:
 
     def _listen(self) -> None:
         raise_priority(2)
-        begun = b""  # the start of a line
-        is_connected = True
+        splitter, is_connected = LineSplitter(), True
         try:
             while is_connected and not self._over.is_set():
                 lines: list[bytes] = []
                 if select.select([self._in], [], [], _TIMEOUT)[0]:
                     data = os.read(self._in, _MAX_READ)
                     is_connected = bool(data)
-                    *lines, begun = (begun + data).split(b"\n")
+                    lines = splitter.receive(data)
                 self._receive(lines, time.monotonic())
             if not is_connected:
                 self._receive(None, time.monotonic())

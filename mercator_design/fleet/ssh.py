@@ -82,7 +82,9 @@ class Conversation:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(_ENDS)
             self.has_ended = True
-            self.words = _last_line(self._errors) or f"ssh: exit code {self._process.returncode}"
+            code = self._process.returncode
+            has_not = "the connection has ended, ssh has not"
+            self.words = _last_line(self._errors) or (has_not if code is None else f"ssh: exit code {code}")
             return None
         return self._splitter.receive(data)
 

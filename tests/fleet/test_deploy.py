@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from mercator_design import __version__
+from mercator_design.fleet import ssh
 from mercator_design.fleet.deploy import read_fleet
 from mercator_design.fleet.start import start
 from tests.fleet.fakes import GO, settings
@@ -123,6 +124,15 @@ def test_a_process_that_is_another_s_is_left_alone(deploy, field):
 def test_no_ssh(deploy, field, monkeypatch):
     monkeypatch.setenv("PATH", "/nonexistent")
     assert "ssh: no such program here; install OpenSSH" in deploy("--stop")[1]
+
+
+def test_an_ssh_that_does_not_end(field, monkeypatch):
+    (field / "bin/ssh").write_text("#!/bin/sh\nexec sleep 600 >&-\n")
+    monkeypatch.setattr(ssh, "_ENDS", 0.01)
+    with ssh.conversing(read_fleet(field / "robots.yaml").robots, "", []) as robots:
+        for each in robots.values():
+            assert each.read() is None
+            assert (each.has_ended, each.words) == (True, "the connection has ended, ssh has not")
 
 
 def test_an_fsm_of_another_flavour_that_is_run_as_it_was_checked(deploy, field):

@@ -4,6 +4,7 @@ The folder of a robot has the program, fsm.txt, its own robot.yaml if a user has
 held while a run is in progress or starts, and `pid` with the number of the process that runs.
 """
 
+import posixpath
 import secrets
 import tempfile
 from collections.abc import Callable, Iterator
@@ -58,7 +59,7 @@ class Fleet:
         names: set[str] = set()
         places: set[RemoteRobot] = set()
         for number, robot in enumerate(self.robots):
-            place = replace(robot, name="")
+            place = replace(robot, name="", host=robot.host.lower(), folder=posixpath.normpath(robot.folder))
             if robot.name in names:
                 yield FieldError(f"robots[{number}].name", f"there are two robots {robot.name}")
             if place in places:

@@ -36,7 +36,9 @@ class RemoteRobot:
     ]
     user: Annotated[str, Pattern(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", "a user's name")] | None = None  # null: as ssh has it
     port: Annotated[int, Range(1, 65535)] | None = None  # of ssh; null: as ssh has it
-    folder: Annotated[str, Pattern(r"/?[A-Za-z0-9_][A-Za-z0-9_./-]*", "a path in plain letters")] = "mercator"
+    folder: Annotated[
+        str, Pattern(r"(?!.*/\.\.(/|$))/?[A-Za-z0-9_][A-Za-z0-9_./-]*", "a path in plain letters, without ..")
+    ] = "mercator"
 
 
 class Conversation:

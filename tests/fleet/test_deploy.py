@@ -174,6 +174,8 @@ def test_wrong_usage(deploy, field, arguments):
         ("robots:\n- {name: a, host: -oProxyCommand=x}", "robots.yaml:2: robots[0].host: expected"),
         ("robots:\n- {name: a, host: b, user: -l}", "robots.yaml:2: robots[0].user: expected"),
         ("robots:\n- {name: a, host: b, folder: $(x)}", "robots.yaml:2: robots[0].folder: expected"),
+        ("robots:\n- {name: a, host: b, folder: a/../../etc}", "robots.yaml:2: robots[0].folder: expected"),
+        ("robots:\n- {name: a, host: b, folder: a/..}", "robots.yaml:2: robots[0].folder: expected"),
         ("robots:\n- {name: a, host: b, port: 0}", "robots.yaml:2: robots[0].port: expected"),
         ("robots:\n- {name: a, host: b, prot: 1}", "robots[0].prot: unknown key; did you mean 'port'?"),
         (
@@ -181,6 +183,11 @@ def test_wrong_usage(deploy, field, arguments):
             "robots.yaml:3: robots[1].name: there are two robots a",
         ),
         ("robots:\n- {name: a, host: b}\n- {name: c, host: b}", "robots.yaml:3: robots[1].host: another robot is at"),
+        ("robots:\n- {name: a, host: b}\n- {name: c, host: B}", "robots.yaml:3: robots[1].host: another robot is at"),
+        (
+            "robots:\n- {name: a, host: b, folder: x/y..z}\n- {name: c, host: b, folder: x/.//y..z/}",
+            "robots.yaml:3: robots[1].host: another robot is at",
+        ),
     ],
 )
 def test_robots_that_are_none(deploy, field, text, error):

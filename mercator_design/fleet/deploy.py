@@ -28,9 +28,12 @@ BE_IDLE = f"""
 if ! {{ {_HOLD}; }}; then echo 'a run is in progress; end it first: mdesign deploy --robots ... --stop' >&2; exit 1; fi
 """
 _TAKE = f"""
+trap 'rm -rf "$1"' EXIT
 {BE_IDLE}
-mv "$1"/* . && rmdir "$1" && python3 {PROGRAM} --version
+find new -mindepth 1 -maxdepth 1 -mmin +60 -exec rm -rf {{}} +
+mv "$1"/* . && python3 {PROGRAM} --version
 """
+"""Also removes what copies that failed more than an hour ago have left."""
 _STOP = f"""
 if {_HOLD}; then echo "nothing that deploy has started runs"; exit 0; fi
 pid=
@@ -104,7 +107,7 @@ def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
         new = f"new/{secrets.token_hex(4)}"  # of this copy only: others may copy at the same time
 
         def to(robot: RemoteRobot) -> str:
-            make = f"mkdir -p {robot.folder}/{new} && cd {robot.folder} || exit 1\n{BE_IDLE}"
+            make = f"mkdir -p {robot.folder} && cd {robot.folder} || exit 1\n{BE_IDLE}\nmkdir -p {new}"
             shell(robot, make, timeout, folder=".")
             run("scp", robot, [*map(str, sent), on(robot, f"{new}/")], timeout)
             return shell(robot, _TAKE, timeout, [new])

@@ -1,5 +1,7 @@
 """Robots are deployed to over an ssh and an scp that act in local folders: a host is a folder, its home."""
 
+import fcntl
+import os
 import subprocess
 import sys
 import time
@@ -27,6 +29,26 @@ def test_copies(deploy, field):
     calls = (field / "calls").read_text().splitlines()
     assert len(calls) == 6
     assert sum("-o User=pi -o Port=2222" in call for call in calls) == 3
+
+
+def test_what_failed_copies_leave_on_a_robot_is_removed(deploy, field):
+    """If it is old: others may copy at the same time."""
+    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
+    folder = field / "r1/mercator"
+    for name, age in (("of another", 0.0), ("old", 2 * 3600.0)):
+        (folder / "new" / name).mkdir(parents=True)
+        os.utime(folder / "new" / name, (time.time() - age,) * 2)
+    assert deploy("fsm.txt")[0] == 0
+    assert [path.name for path in (folder / "new").iterdir()] == ["of another"]
+    (field / "bin/python3").write_text("#!/bin/sh\nexit 1\n")
+    assert deploy("fsm.txt")[0] == 1
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert "a run is in progress" in deploy("fsm.txt")[1]
+    (folder / "fsm.txt").unlink()
+    (folder / "fsm.txt").mkdir()  # in the way
+    assert deploy("fsm.txt")[0] == 1
+    assert [path.name for path in (folder / "new").iterdir()] == ["of another"]
 
 
 def test_runs_stops_and_collects(deploy, field):

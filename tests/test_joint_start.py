@@ -339,6 +339,13 @@ class TestClock:
         assert Clock().difference.uncertainty == math.inf
 
 
+def test_only_words_of_a_start_are_kept():
+    leader = Leader(["r0"], 0.0, patience=PATIENCE, cycle=CYCLE, host="desk")
+    for word in ("ready", "hello", "goodbye"):
+        leader.receive("r0", to_line(word, log="log.jsonl").encode(), 0.0)
+    assert leader._robots["r0"].said.keys() == {"ready"}
+
+
 def interrupt(monkeypatch, lateness):
     """Let time pass after each read of the time of day, which is 5000 s ahead of the monotonic clock."""
     now, late = [100.0], iter(lateness)

@@ -4,7 +4,10 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
+from mercator_design.config.json_data import from_json
+from mercator_design.errors import RobotError
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
 from mercator_design.fleet.ssh import RemoteRobot, conversing, hear
 from mercator_design.robot.devices.findings import Finding
@@ -17,6 +20,7 @@ COLUMNS = {
     "hub": ("proximity", "line"),
 }
 """Column -> device and quantity of the finding of `mercator-robot check` that it shows."""
+_MAX_FINDINGS = 100  # on a robot, of which a Mercator has some thirty
 _CHECK = f"""
 {BE_IDLE}
 [ -f robot.yaml ] && export MERCATOR_ROBOT=robot.yaml
@@ -86,14 +90,26 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
             continue
         match said["say"]:
             case "finding":
-                is_fine, device, quantity = said.get("is_fine") is True, said.get("device"), said.get("quantity")
-                what, words, value = (str(said.get(key)) for key in ("what", "words", "value"))
-                checked.findings.append(Finding(what, is_fine, words, False, device, quantity, value))
+                _add_finding(checked, said)
             case "done":
                 checked.is_done = True
             case "clock":
                 with suppress(ValueError):  # further answers will come
                     checked.clock.take(said, now)
+
+
+def _add_finding(checked: Checked, said: dict[str, Any]) -> None:
+    try:
+        found = from_json(
+            {key: value for key, value in said.items() if key != "say"}, Finding, error=RobotError, path="finding"
+        )
+    except RobotError as error:
+        checked.failure = f"its check sends what is no finding: {error}"
+        return
+    if len(checked.findings) < _MAX_FINDINGS:
+        checked.findings.append(found)
+    else:
+        checked.failure = f"its check has more than {_MAX_FINDINGS} findings"
 
 
 def table(checked: Sequence[Checked]) -> Iterator[str]:

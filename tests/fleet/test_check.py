@@ -123,3 +123,20 @@ def test_a_check_that_breaks_off_is_told(deploy, field, ends):
     code, out, err = deploy("--check")
     assert [row.partition(":")[0] for row in out.splitlines()[5:]] == ["WRONG  r1", "WRONG  r2"], out
     assert (code, err) == (1, "Error: 2 of 2 robots failed the check\n")
+
+
+@pytest.mark.parametrize(
+    ("finding", "n", "words"),
+    [
+        ('"words": "12:00", "device": ["rvr"]', 1, "its check sends what is no finding: finding.device: expected"),
+        ('"words": 12', 1, "its check sends what is no finding: finding.words: expected text, found 12"),
+        ('"words": "12:00"', 101, "its check has more than 100 findings"),
+    ],
+)
+def test_findings_that_no_check_has(deploy, field, finding, n, words):
+    finding = f'{{"say": "finding", "what": "clock", "is_fine": true, {finding}}}'
+    said = "\n".join([*[finding] * n, '{"say": "done"}'])
+    python = field / "bin/python3"
+    python.write_text(f"#!/bin/sh\ncase \"$*\" in *version*) echo 1; exit 0;; esac\ncat <<'END'\n{said}\nEND\n")
+    code, out, err = deploy("--check")
+    assert (code, out.count(f"WRONG  r1: {words}")) == (1, 1), (out, err)

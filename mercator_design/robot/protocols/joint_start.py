@@ -207,7 +207,7 @@ class Leader:
                 case "started":
                     robot.began = number_of(said, "at") + robot.difference.offset
                     robot.said["started"] = said
-                case what:
+                case "ready" | "accepted" | "going" | "confirmed" as what:
                     robot.said[what] = said
         except ValueError as error:
             self.call_off(f"{said['say']}: {error}", name)

@@ -45,7 +45,7 @@ done
 echo "process ${{pid:-that copies or starts}} has not ended after 5 s" >&2
 exit 1
 """
-_COUNT_LOGS = "ls logs 2>/dev/null | wc -l"
+_COUNT_LOGS = "find logs/* -type f 2>/dev/null | wc -l"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +121,7 @@ def stop(fleet: Fleet, timeout: float) -> list[RobotOutcome]:
 
 
 def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
-    """Copy the logs of each robot to a folder of its name."""
+    """Copy the logs of each robot, with those in subfolders, to a folder of its name."""
 
     def of(robot: RemoteRobot) -> str:
         count = shell(robot, _COUNT_LOGS, timeout)
@@ -130,7 +130,7 @@ def collect(fleet: Fleet, folder: Path, timeout: float) -> list[RobotOutcome]:
         to = folder / robot.name
         to.mkdir(parents=True, exist_ok=True)
         # Absolute: scp takes a name with a colon before its first slash as a host.
-        run("scp", robot, ["-p", on(robot, "logs/*"), str(to.resolve())], timeout)
+        run("scp", robot, ["-rp", on(robot, "logs/*"), str(to.resolve())], timeout)
         return f"{count} files in {to}"
 
     return on_all(fleet, of)

@@ -25,7 +25,10 @@ import glob, shutil
 assert all(map(os.path.isabs, (*sources, target)))  # whatever else might be a host, or an option
 for source in sources:
     for file in glob.glob(source):
-        shutil.copy(file, target)
+        if os.path.isdir(file) and "-rp" in options:
+            shutil.copytree(file, os.path.join(target, os.path.basename(file)), dirs_exist_ok=True)
+        else:
+            shutil.copy(file, target)
 """
 PATIENT = """#!{python}
 import runpy, sys, time

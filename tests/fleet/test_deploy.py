@@ -250,6 +250,18 @@ def test_logs_of_a_day_that_comes_again_are_kept(deploy, field):
     assert {path.name for path in logs.iterdir()} - old == {"run-20260101-000000-2.txt"}
 
 
+def test_logs_in_a_folder_of_their_own_are_collected_too(deploy, field):
+    (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")
+    logs = field / "r1/mercator/logs"
+    (logs / "monday").mkdir(parents=True)
+    for name in ("run.jsonl", "monday/run.jsonl"):
+        (logs / name).write_text(name)
+    for _ in range(2):
+        assert deploy("--collect", "all") == (0, "ok      r1               2 files in all/r1\n", "")
+    assert (field / "all/r1/run.jsonl").read_text() == "run.jsonl"
+    assert (field / "all/r1/monday/run.jsonl").read_text() == "monday/run.jsonl"
+
+
 @pytest.mark.parametrize("folder", ["logs-12:30", "-p"])
 def test_a_folder_that_scp_would_take_for_something_else(deploy, field, folder):
     (field / "robots.yaml").write_text("robots: [{name: r1, host: r1}]\n")

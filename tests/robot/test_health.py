@@ -190,6 +190,7 @@ class TestRvr:
             ),
             ("get_motor_thermal_protection_status", heat(75.0, 30.0, 2, 0), "^rvr: the left motor is too hot"),
             ("motor_fault", {"is_fault": True}, "^rvr: a motor has a fault$"),
+            ("get_motor_fault_state", {"is_fault": True}, "^rvr: a motor has a fault$"),
             ("did_sleep", {}, "^rvr: it fell asleep$"),
         ],
     )
@@ -243,5 +244,10 @@ class TestRvr:
             tries()
 
     def test_what_has_no_values_says_nothing(self, rvr):
-        for name in ("get_battery_percentage", "get_battery_voltage_state", "get_motor_thermal_protection_status"):
+        for name in (
+            "get_battery_percentage",
+            "get_battery_voltage_state",
+            "get_motor_thermal_protection_status",
+            "get_motor_fault_state",
+        ):
             assert [*rvr.take(name, {})] == []

@@ -247,6 +247,7 @@ class TestStart:
         [
             (lambda d: setattr(d.rvr, "level", 5.0), r"^rvr: the battery is critical; charge it$"),
             (lambda d: d.rvr.heat({0: 75.0}), r"^rvr: the left motor is too hot \(75 degrees\); let it cool"),
+            (lambda d: d.rvr.set_motor_fault(is_fault=True), r"^rvr: a motor has a fault$"),
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
@@ -277,9 +278,10 @@ class TestStart:
     )
     def test_refused(self, devices, prepare, words):
         prepare(devices)
+        causes = "critical", "too hot", "a motor has a fault"
         with pytest.raises(RobotError, match=words) as refused, robot_on(devices):
             pass
-        assert refused.value.exit_code == (4 if "critical" in words or "too hot" in words else 1)
+        assert refused.value.exit_code == (4 if any(cause in words for cause in causes) else 1)
         assert not devices.drives()
         assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
 

@@ -61,11 +61,6 @@ DEVICE_FAULTS = {
     "lidar damaged": (lambda robot: robot.devices.torn.add("lidar"), WINDOW, "% of what the lidar sends arrives whole"),
     "rvr noisy": (noise("rvr"), WINDOW, "% of what the rvr sends arrives whole; the limit is 80 %"),
     "hub noisy": (noise("proximity"), WINDOW, "% of what the proximity sends arrives whole; the limit is 50 %"),
-    "rvr hears badly": (
-        lambda robot: robot.devices.misheard.add("rvr"),
-        ANSWERS_WINDOW + ANSWER_LIMIT,
-        "% of the commands to it are answered; the limit is 80 %; is its cable loose",
-    ),
     "hub lost": (unplugs("proximity"), 0.0, "/proximity is lost: "),
     "lidar lost": (unplugs("lidar"), 0.0, "/lidar is lost: "),
     "battery critical": (lambda robot: setattr(robot.devices.rvr, "level", 5.0), 0.0, "rvr: the battery is critical"),
@@ -81,7 +76,12 @@ DEVICE_FAULTS = {
     ),
     "motor too hot": (lambda robot: robot.devices.rvr.heat({0: 75.0}), 0.0, "rvr: the left motor is too hot (75 deg"),
     "asleep": (tells("did_sleep"), 0.0, "rvr: it fell asleep"),
-    "motor fault": (tells("motor_fault", is_fault=True), 0.0, "rvr: a motor has a fault"),
+    "motor fault": (lambda robot: robot.devices.rvr.set_motor_fault(is_fault=True), 0.0, "rvr: a motor has a fault"),
+    "motor fault whose notification is lost": (
+        lambda robot: robot.devices.instead.update(get_motor_fault_state={"is_fault": True}),
+        QUERY_EVERY + CYCLE,
+        "rvr: a motor has a fault",
+    ),
     "drive refused": (refuses, 0.1, "rvr: it does not drive: restricted"),
 }
 
@@ -95,13 +95,22 @@ def test_devices_that_fail(what, robot):
     assert robot.late() - allowed <= LATEST
 
 
-@pytest.mark.parametrize("what", ["hub silent", "rvr noisy", "tread stuck", "rvr hears badly"])
+@pytest.mark.parametrize("what", ["hub silent", "rvr noisy", "tread stuck"])
 def test_a_run_without_a_device_is_stopped_as_any_other(what, robot):
     act, allowed, words = DEVICE_FAULTS[what]
     robot.act(act)
     robot.run(GO, "--without", "lidar")
     check(robot, 4, words)
     assert robot.late() - allowed <= LATEST
+
+
+@pytest.mark.parametrize("options", [(), ("--without", "lidar")])
+def test_an_rvr_that_hears_badly(options, robot):
+    """A command stops it, or it stops by itself if it has not heard the last three."""
+    robot.act(lambda robot: robot.devices.misheard.add("rvr"))
+    robot.run(GO, *options)
+    check(robot, 4, "% of the commands to it are answered; the limit is 80 %; is its cable loose")
+    assert robot.devices.rests_since() - robot.began <= ANSWERS_WINDOW + ANSWER_LIMIT + LATEST
 
 
 def test_an_rvr_that_hears_nothing_has_stopped_by_itself_and_ends_the_run(robot):

@@ -16,7 +16,7 @@ WINDOW = 2.0
 _CALM = 5.0  # [s] without damage before a line is reported as good again
 _STEP = 0.1  # [s] between counts that are kept
 ANSWERS_WINDOW = 5.0
-"""[s] over which answers to commands are counted: longer, as there are about 14 a second."""
+"""[s] over which answers to commands are counted: longer, as there are about 15 a second."""
 MIN_ANSWERS = 40
 """Number of commands in a window, at least; missing ones count as answered."""
 ANSWER_LIMIT = 0.3
@@ -177,7 +177,7 @@ class RvrHealth:
             case "motor_thermal_protection_status" | "get_motor_thermal_protection_status" if values:
                 for k, side in enumerate(SIDES):
                     yield from self._motor(k, values[f"{side}_motor_temperature"], values[f"{side}_motor_status"])
-            case "motor_fault" if values["is_fault"]:
+            case "motor_fault" | "get_motor_fault_state" if values and values["is_fault"]:
                 raise RobotStopped("rvr: a motor has a fault")
             case "did_sleep":
                 raise RobotStopped("rvr: it fell asleep")

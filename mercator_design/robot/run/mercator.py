@@ -35,6 +35,8 @@ _START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor 
 _CHECK_EVERY = 0.01  # [s] between checks whether they have come
 _SHOW_EVERY = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _DRIVE, _STOPPED = "drive_tank_si_units", "robot_has_stopped"
+_MOTOR_QUERIES = ("get_motor_thermal_protection_status", "get_motor_fault_state")
+_QUERIES = ("get_battery_voltage_state", "get_battery_percentage", *_MOTOR_QUERIES)
 _TANK, _BRAKING = 2, 0  # controllers of the drive
 
 
@@ -167,7 +169,7 @@ class Mercator:
         """Query battery and motors every `QUERY_EVERY`: this keeps the RVR awake, and its answers show damage."""
         if time.monotonic() - self._queried > QUERY_EVERY:
             self._queried = time.monotonic()
-            for name in ("get_battery_voltage_state", "get_battery_percentage", "get_motor_thermal_protection_status"):
+            for name in _QUERIES:
                 self._link.send("rvr", self._link.encode_counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
@@ -202,7 +204,8 @@ class Mercator:
         link.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
         for notify in ("motor_fault", "motor_stall", "motor_thermal_protection_status"):
             link.ask(f"enable_{notify}_notify", is_enabled=True)
-        link.ask("get_motor_thermal_protection_status")
+        for question in _MOTOR_QUERIES:
+            link.ask(question)
         link.ask("reset_yaw")
         link.ask("reset_locator_x_and_y")
         link.ask("enable_color_detection", is_enabled=True)

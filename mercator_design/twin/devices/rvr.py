@@ -34,12 +34,10 @@ _MADE_UP: Mapping[str, Mapping[str, Any]] = {
     "get_sku": {"sku": "RV01ROW"},
     "get_bootloader_version": {"major": 1, "minor": 2, "revision": 3},
     "get_battery_voltage_state_thresholds": _THRESHOLDS,
-    "get_motor_fault_state": {"is_fault": False},
 }
 _ACCEPTED = {
     # Their notifications never occur here.
     "enable_gyro_max_notify",
-    "enable_motor_fault_notify",
     "enable_robot_infrared_message_notify",
     "set_locator_flags",
     # Slots are kept by the line.
@@ -75,9 +73,10 @@ class TwinRvr:
         self._warned = False
         self._battery_state = _GOOD
         self._notifies = dict.fromkeys(
-            ("battery_voltage_state_change", "motor_stall", "motor_thermal_protection_status"), False
+            ("battery_voltage_state_change", "motor_fault", "motor_stall", "motor_thermal_protection_status"), False
         )
         self._temperatures = [_TEMPERATURE] * 2  # of the motors
+        self._is_fault = False  # of a motor
         self._said: list[bytes] = []
         parts = (self, self._senses, self.drive)
         self._obeyed_by = {name: part for part in parts for name in COMMANDS if hasattr(part, name)}
@@ -122,6 +121,12 @@ class TwinRvr:
         if status != before:
             self._notify("motor_thermal_protection_status", **status)
         self.drive.cut = frozenset(motor for motor in (0, 1) if self._temperatures[motor] >= _TOO_HOT)
+
+    def set_motor_fault(self, *, is_fault: bool) -> None:
+        """Set whether a motor has a fault."""
+        if is_fault != self._is_fault:
+            self._is_fault = is_fault
+            self._notify("motor_fault", is_fault=is_fault)
 
     def _obey(self, event: RvrCommand | Unknown) -> bytes:
         frame = event.frame
@@ -219,6 +224,9 @@ class TwinRvr:
     def enable_battery_voltage_state_change_notify(self, is_enabled: bool) -> None:
         self._notifies["battery_voltage_state_change"] = is_enabled
 
+    def enable_motor_fault_notify(self, is_enabled: bool) -> None:
+        self._notifies["motor_fault"] = is_enabled
+
     def enable_motor_stall_notify(self, is_enabled: bool) -> None:
         """Notify from now on; motors that are stuck already are reported at once."""
         self._notifies["motor_stall"] = is_enabled
@@ -234,6 +242,9 @@ class TwinRvr:
             values[f"{side}_motor_temperature"] = temperature
             values[f"{side}_motor_status"] = (temperature >= _HOT) + (temperature >= _TOO_HOT)
         return values
+
+    def get_motor_fault_state(self) -> Mapping[str, Any]:
+        return {"is_fault": self._is_fault}
 
     def get_temperature(self, id0: int, id1: int) -> Mapping[str, Any] | Error:
         found = dict(zip(_THERMOMETERS, (*self._temperatures, _TEMPERATURE), strict=True))

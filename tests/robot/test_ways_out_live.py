@@ -17,6 +17,7 @@ import pytest
 from mercator_design.robot.run.mercator import COMMANDS_END
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
 from mercator_design.robot.run.safety import STALL
+from tests.processes import LIMIT
 from tests.robot import ways
 from tests.robot.log_events import read
 from tests.robot.test_ways_out import CYCLE, DEVICE_FAULTS
@@ -26,7 +27,9 @@ from tests.robot.ways import (
     GO,
     IMPATIENT,
     LAST,
+    LATE,
     LATEST,
+    PATIENT,
     SLOW,
     SOON,
     WAITS,
@@ -332,6 +335,27 @@ def goes_on(robot):
 def is_told_to_stop(devices, before):
     """Whether there was a stop after so many commands."""
     return "drive_stop" in [name for _, name, _ in devices.commands[before:]]
+
+
+def test_who_does_not_read_messages_holds_up_nothing(tmp_path):
+    """As a terminal after Ctrl-S: it drives on when it warns, and its last message does not keep it from ending."""
+
+    def attempt(number):
+        with running(tmp_path / str(number), GO, LATE, lead=SOON + PATIENT) as robot:
+            robot.drives()
+            fill(f"/proc/self/fd/{robot.process.stderr.fileno()}")
+            robot.devices.rvr.level = 12.0
+            warned = robot.devices.driven()
+            robot.until(lambda: is_noted(robot, "the battery is low") and robot.devices.driven() > warned + 10)
+            robot.process.terminate()
+            assert robot.process.wait(LIMIT) == 143
+
+    in_time(attempt)
+
+
+def is_noted(robot, words):
+    """Whether the log has a note with these words."""
+    return words in (robot.folder / "log.jsonl").read_text()
 
 
 LONG_START = """

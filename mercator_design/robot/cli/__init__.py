@@ -12,6 +12,7 @@ import click
 from mercator_design import __version__
 from mercator_design.command import LazyGroup, LazyVerb
 from mercator_design.command import run as run_command
+from mercator_design.robot.cli.messages import queue_messages
 
 VERBS: Final[Mapping[str, LazyVerb]] = {
     "calibrate": LazyVerb("mercator_design.robot.cli.calibrate", "Calibrate this robot's sensors.", is_light=True),
@@ -35,6 +36,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
 
 
 def main() -> None:
+    queue_messages()
     run_command(cli, "mercator-robot")
 
 

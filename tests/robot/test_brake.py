@@ -205,3 +205,11 @@ def test_only_the_first_signal_interrupts(wire, brake):
         os.kill(os.getpid(), signal.SIGTERM)
     assert brake.why == "SIGHUP"
     assert wire.sent == [b"zero"] * 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGTTIN, signal.SIGTTOU])
+def test_no_terminal_suspends_it(number):
+    """It would not control its robot then."""
+    with Signals().caught():
+        assert signal.getsignal(number) == signal.SIG_IGN
+    assert signal.getsignal(number) == signal.SIG_DFL

@@ -31,6 +31,8 @@ _LOCK_LIMIT = 0.05  # [s] that a stop waits for a command that is being sent
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
 """Signals that end a program; Ctrl-Z too, as a suspended program does not control its robot."""
 
+_SUSPENDING = (signal.SIGTTIN, signal.SIGTTOU)  # of a program in the background that uses its terminal
+
 
 def raise_priority(priority: int) -> None:
     """Give this thread, and those that it starts, a real-time priority, if permitted."""
@@ -218,6 +220,8 @@ class Watchdog(threading.Thread):
 class Signals:
     """In the context `caught`, the first signal pulls the brake, then raises `Signalled`.
 
+    No terminal suspends the program there.
+
     brake: The brake, once there is one.
     """
 
@@ -228,6 +232,7 @@ class Signals:
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:
         usual = {number: signal.signal(number, self._act) for number in SIGNALS}
+        usual |= {number: signal.signal(number, signal.SIG_IGN) for number in _SUSPENDING}
         try:
             yield
         finally:

@@ -149,7 +149,7 @@ class SimulatedDevices(Devices):
 
     def _select(self, reading, writing, failing, timeout=None):
         """Of the program's thread: let time pass until something can be read."""
-        if threading.current_thread() is not self._thread:
+        if writing or threading.current_thread() is not self._thread:
             return self._real_select(reading, writing, failing, 0.005 if timeout is None else min(timeout, 0.005))
         end = END if timeout is None else self.now + timeout
         while not (ready := self._ready(reading)) and self.now < end:

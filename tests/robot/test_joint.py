@@ -7,12 +7,14 @@ import select
 import signal
 import subprocess
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
+from mercator_design.robot.run.joint import Joint
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.processes import LIMIT
 from tests.robot.log_events import read
@@ -326,3 +328,48 @@ def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
         leader.hear("ready")
         leader.hang_up()
         never_drove(robot, "the connection to the computer that starts the robots has ended")
+
+
+class Control:
+    """A robot whose devices do nothing."""
+
+    def __init__(self):
+        self.robot = SimpleNamespace(brake=SimpleNamespace(why="", stop=self._stop))
+
+    def _stop(self, why):
+        self.robot.brake.why = why
+
+    def await_heartbeat(self):
+        pass
+
+
+@pytest.fixture
+def joint(monkeypatch):
+    """A joint run on a connection; gives it, and the leader's ends."""
+    hears, says = os.pipe(), os.pipe()
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(fileno=lambda: hears[0]))
+    monkeypatch.setattr("sys.stdout", SimpleNamespace(fileno=lambda: says[1]))
+    yield Joint(), hears[1], says[1]
+    for end in (*hears, *says):
+        os.close(end)
+
+
+def test_the_wheels_stop_before_the_leader_is_told(joint, monkeypatch):
+    joint, _, _ = joint
+    control, told = Control(), []
+    monkeypatch.setattr(joint._channel, "write", lambda line: told.append((control.robot.brake.why, line)) or True)
+    joint._follower.at = 0.0
+    words = "the controller failed"
+    with pytest.raises(ValueError, match=words), joint.taking_part(control, Path("log.jsonl")):
+        raise ValueError(words)
+    assert told[-1] == (words, to_line("failed", why=words))
+
+
+def test_a_leader_that_reads_nothing_holds_up_nothing(joint):
+    joint, _, says = joint
+    os.set_blocking(says, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(says, b"x"):
+            pass
+    os.set_blocking(says, True)
+    assert not joint._channel.write("a line\n")

@@ -12,6 +12,7 @@ from mercator_design.robot.protocols.lines import LineSplitter
 from mercator_design.robot.run.safety import raise_priority
 
 _TIMEOUT = 0.05  # [s] of waiting for a line
+_WRITE_TIMEOUT = 0.1  # [s] after which writing gives up
 _MAX_READ = 4096  # bytes
 
 
@@ -42,12 +43,12 @@ class Channel:
         self._thread.join()
 
     def write(self, line: str) -> bool:
-        """Write a line; return whether that was possible."""
+        """Write a line; return whether that was possible, within `_WRITE_TIMEOUT`."""
         try:
-            os.write(self._out, line.encode())
+            _, ready, _ = select.select([], [self._out], [], _WRITE_TIMEOUT)
+            return bool(ready) and os.write(self._out, line.encode()) > 0
         except OSError:
             return False
-        return True
 
     def _listen(self) -> None:
         raise_priority(2)

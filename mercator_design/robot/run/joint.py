@@ -78,8 +78,10 @@ class Joint(AtOnce):
                 self._attend(control, time.monotonic() + _CHECK_EVERY)
             yield
         except BaseException as error:
+            why = str(error) or type(error).__name__
+            control.robot.brake.stop(why)  # before anything waits for the thread or for the leader
             with self._lock:
-                self._send(self._follower.fail(str(error) or type(error).__name__))
+                self._send(self._follower.fail(why))
             raise
 
     def clock(self) -> ClockOffset | None:

@@ -474,6 +474,16 @@ class TestNode:
         wait_until(lambda: orders._brake.why)
         assert orders._brake.why.startswith(f"ros: no master at http://127.0.0.1:{fake.port}/: ")
 
+    @pytest.mark.parametrize(
+        "value", ["<int>x</int>", "<struct><member><value/></member></struct>", "<double>-</double>"]
+    )
+    def test_a_master_whose_answers_make_no_sense(self, fake, orders, value):
+        node = RosNode()
+        answer = f"<methodResponse><params><param><value>{value}</value></param></params></methodResponse>"
+        fake.master._marshaled_dispatch = lambda *_: answer.encode()
+        node._watch_master(orders._brake)
+        assert orders._brake.why.startswith(f"ros: no master at http://127.0.0.1:{fake.port}/: ")
+
     def test_a_master_that_goes_while_the_robot_starts(self, fake, orders):
         node = RosNode()
         fake.go()

@@ -9,7 +9,6 @@ import xmlrpc.client
 from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlsplit
-from xml.parsers.expat import ExpatError
 
 from mercator_design.config.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
@@ -151,7 +150,7 @@ class RosNode:
         try:
             with xmlrpc.client.ServerProxy(self._master, _Impatient()) as master:
                 master.getPid(f"/{NAME}")
-        except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError) as error:
+        except Exception as error:  # noqa: BLE001 - what answers may be any program
             raise RobotError(f"ros: no master at {self._master}: {error}; does roscore run there?") from None
 
     def _watch_master(self, brake: Brake) -> None:

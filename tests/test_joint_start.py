@@ -290,7 +290,17 @@ class TestFollower:
         )
 
     @pytest.mark.parametrize(
-        "line", [b"Welcome!", b"", b"[1]", b'{"say": 1}', b"\xff", b"[" * 10_000, b'{"say": "sing"}']
+        "line",
+        [
+            b"Welcome!",
+            b"",
+            b"[1]",
+            b'{"say": 1}',
+            b"\xff",
+            b"[" * 10_000,
+            b'{"say": "sing"}',
+            b'{"say": "probe", "sent": NaN}',
+        ],
     )
     def test_what_is_no_line_of_a_leader_is_ignored(self, follower, line):
         assert follower.receive(line, 10.1) is None

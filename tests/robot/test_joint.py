@@ -6,12 +6,14 @@ import os
 import select
 import signal
 import subprocess
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from mercator_design.errors import RobotStopped
 from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
 from mercator_design.robot.run.joint import Joint
@@ -331,10 +333,14 @@ def test_it_is_ready_when_a_heartbeat_was_heard(tmp_path):
 
 
 class Control:
-    """A robot whose devices do nothing."""
+    """A robot whose devices do nothing, whatever time it waits."""
+
+    wait = refresh = lambda self, *_: None
 
     def __init__(self):
-        self.robot = SimpleNamespace(brake=SimpleNamespace(why="", stop=self._stop))
+        self.robot = SimpleNamespace(
+            brake=SimpleNamespace(why="", stop=self._stop), check_ages=lambda: None, query=lambda: None
+        )
 
     def _stop(self, why):
         self.robot.brake.why = why
@@ -373,3 +379,15 @@ def test_a_leader_that_reads_nothing_holds_up_nothing(joint):
             pass
     os.set_blocking(says, True)
     assert not joint._channel.write("a line\n")
+
+
+def test_a_thread_that_has_failed_before_the_robot_is_ready(joint, monkeypatch):
+    joint, hears, _ = joint
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    monkeypatch.setattr(joint._follower, "receive", None)
+    with joint.listening():
+        os.write(hears, b"a line\n")
+        joint._channel._thread.join(LIMIT)
+        words = "the thread that reads the leader's lines failed"
+        with pytest.raises(RobotStopped, match=words), joint.taking_part(Control(), Path("log.jsonl")):
+            pass

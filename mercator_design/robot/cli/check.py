@@ -40,7 +40,7 @@ def _print(found: Iterable[Finding]) -> None:
         for line in lines or ():
             said = from_line(line)
             if said is not None and said["say"] == "probe":
-                channel.write(answer(said, now, day_of(now)))
+                channel.write(answer(said, now, day_of(now)) or "")
 
     channel = Channel(receive)
     wrong = 0

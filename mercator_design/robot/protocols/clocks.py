@@ -66,9 +66,15 @@ def probe(now: float) -> str:
     return to_line("probe", sent=now)
 
 
-def answer(said: Mapping[str, Any], monotonic: float, day: float) -> str:
-    """The answer to a probe that was received at a time of the monotonic clock and of the day [s]."""
-    return to_line("clock", sent=said.get("sent"), monotonic=monotonic, day=day)
+def answer(said: Mapping[str, Any], monotonic: float, day: float) -> str | None:
+    """The answer to a probe that was received at a time of the monotonic clock and of the day [s].
+
+    None if the probe has no valid time.
+    """
+    try:
+        return to_line("clock", sent=number_of(said, "sent"), monotonic=monotonic, day=day)
+    except ValueError:
+        return None
 
 
 def day_of(monotonic: float) -> float:

@@ -57,7 +57,7 @@ class Joint(AtOnce):
     def __init__(self) -> None:
         self._follower, self._lock = Follower(), threading.Lock()
         self._brake: Brake | None = None
-        self._channel = Channel(self._receive, lambda: self._stop("the thread that reads the leader's lines failed"))
+        self._channel = Channel(self._receive, self._fail)
 
     def listening(self) -> contextlib.AbstractContextManager[object]:
         return self._channel
@@ -131,6 +131,11 @@ class Joint(AtOnce):
             self._follower.check_silence(now)
             if self._follower.why:
                 self._stop(self._follower.why)
+
+    def _fail(self) -> None:
+        with self._lock:
+            self._follower.fail("the thread that reads the leader's lines failed")
+            self._stop(self._follower.why)
 
     def _stop(self, why: str) -> None:
         if self._brake is not None and not self._brake.why:

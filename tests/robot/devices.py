@@ -201,8 +201,8 @@ class Devices(Surroundings):
         instead = self.once.pop(command.name, None) or self.instead.get(command.name)
         if instead is not None:
             return self.rvr._line.answer(command.frame, **instead)
-        if command.name == "wake":
-            self.rvr._notify("did_wake")
+        if command.name == "wake" and self.rvr.is_awake:  # so that nobody waits for it
+            self.tell("did_wake")
         return usual(command)
 
     def _stream(self, usual, processor, slot):

@@ -198,6 +198,14 @@ def unplug_one(devices):
 
 
 class TestStart:
+    def test_an_rvr_that_sleeps_and_does_not_hear_the_first_wake(self, devices):
+        devices.rvr.sleep()
+        devices.when(lambda: devices.now > 1.0)  # nobody hears it fall asleep
+        devices.deaf.add("rvr")
+        devices.then(lambda: devices.now > 1.2, devices.deaf.clear)
+        with robot_on(devices):
+            assert devices.rvr.is_awake
+
     def test_commands(self, devices):
         with robot_on(devices) as robot:
             assert robot.facts["firmware_st"] == "9.2.482"
@@ -263,14 +271,14 @@ class TestStart:
             ),
             (
                 lambda d: d.instead.update(set_custom_control_system_timeout={"error": 3}),
-                r"^rvr: set_custom_control_system_timeout was refused: not yet implemented$",
+                r"^rvr: set_custom_control_system_timeout was refused: not yet implemented; switch it off",
             ),
             (
                 lambda d: d.instead.update(set_custom_control_system_timeout={"error": 0x55}),
-                r"^rvr: set_custom_control_system_timeout was refused: error 0x55$",
+                r"^rvr: set_custom_control_system_timeout was refused: error 0x55; switch it off and on",
             ),
             *(
-                (lambda d, name=name: d.instead.update({name: {"error": 4}}), rf"^rvr: {name} was refused: restricted$")
+                (lambda d, name=name: d.instead.update({name: {"error": 4}}), rf"^rvr: {name} was refused: restricted")
                 for name in PREPARATIONS
             ),
             (lambda d: setattr(d.lidar, "health", 2), r"^lidar: it reports an error"),

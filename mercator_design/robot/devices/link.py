@@ -122,7 +122,8 @@ class Link:
             if response.error not in DAMAGED:
                 break
         if response.error:
-            raise RobotError(f"rvr: {name} was refused: {words(response.error)}")
+            refused = f"{name} was refused: {words(response.error)}"
+            raise RobotError(f"rvr: {refused}; switch it off and on (rvr on {self.lines['rvr'].port})")
         return response.values
 
     def exchange(

@@ -1,5 +1,6 @@
 """Start-up of each device, with its identity and health, and its shut-down."""
 
+import contextlib
 from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple, TypeVar
@@ -63,7 +64,8 @@ def wake_rvr(link: Link) -> RvrIdentity:
     """
     link.send_command("disable_notifications_and_active_commands")
     end_streaming(link)
-    link.send_command("wake")
+    with contextlib.suppress(RobotError):  # the next question is asked anyway, and says what is wrong
+        link.ask("wake")  # repeated until it is answered, as an RVR that sleeps refuses the rest
     link.wait_for(Notification, lambda notification: notification.name == "did_wake", _WAKING)
     firmware = {}
     for processor in Processor:

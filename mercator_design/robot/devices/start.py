@@ -109,7 +109,7 @@ def start_lidar(link: Link) -> Lidar:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
     info = _agreed(link, "device_info", DeviceInfo)
-    link.exchange("lidar", lambda: _STOP + encode_command("scan"), ScanStarted)  # while it scans it obeys only a stop
+    link.exchange("lidar", partial(_behind_stop, "scan"), ScanStarted)
     return Lidar(info, health.error_code if health.status else None)
 
 
@@ -117,11 +117,16 @@ def _agreed(link: Link, command: str, kind: type[S]) -> S | None:
     """The lidar's answer to a command, given twice, as answers have no checksum; None if all answers differ."""
     answers: list[S] = []
     for _ in range(_TRIES):
-        said = link.exchange("lidar", partial(encode_command, command), kind)
+        said = link.exchange("lidar", partial(_behind_stop, command), kind)
         if said in answers:
             return said
         answers.append(said)
     return None
+
+
+def _behind_stop(command: str) -> bytes:
+    """A command to the lidar behind a stop: while it scans, as a stop before may be lost, it obeys only a stop."""
+    return _STOP + encode_command(command)
 
 
 def stop_lidar(link: Link) -> None:

@@ -165,7 +165,11 @@ def test_a_robot_that_does_not_answer_is_told_nevertheless(stop, devices, monkey
     monkeypatch.setattr(link, "_ANSWER", 0.3)
     monkeypatch.setattr(start, "_WAKING", 0.2)
     leave_running(devices)
-    devices.silent = {"rvr"}
+    devices.silent, devices.rvr.leds[:] = {"rvr"}, b"\xff" * len(devices.rvr.leds)
     code, rows, _ = stop()
     assert (code, rows["rvr"][1].startswith("no answer; ")) == (1, True)
     devices.rests_since()
+    assert not any(devices.rvr.leds)
+    assert [values for _, name, values in devices.commands if name == "enable_color_detection"] == [
+        {"is_enabled": False}
+    ]

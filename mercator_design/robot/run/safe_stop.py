@@ -26,8 +26,10 @@ def safe_stop(settings: Settings) -> Iterator[Finding]:
 
 def _stop_rvr(_: Settings, link: Link) -> Iterator[Finding]:
     link.send("rvr", 2 * halt(link))
-    found = wake_rvr(link)  # an RVR that sleeps refuses the rest
-    stop_rvr(link)
+    try:
+        found = wake_rvr(link)  # an RVR that sleeps refuses the rest
+    finally:
+        stop_rvr(link)  # also if the RVR is not heard: it may hear
     yield Finding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
 
 

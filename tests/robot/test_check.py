@@ -3,15 +3,18 @@
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections import deque
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 from mercator_design.robot.setup import check as checking
 from mercator_design.robot.setup.check import check_clock, check_console, check_programs, check_uart
@@ -78,6 +81,26 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert fine["sensor 1, at +0 degrees"].startswith("nothing in sight;")
     assert fine["sensor 2, at -45 degrees"].startswith("too near;")
     assert not any(name.startswith("drive") for _, name, _ in devices.commands)
+    assert devices.lidar_commands[-1] == "stop"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("command", ["start_streaming_service", "device_info", "scan"])
+def test_a_signal_leaves_nothing_on(found, devices, command, number):
+    def is_heard():
+        return command in [*devices.lidar_commands, *(name for _, name, _ in devices.commands)]
+
+    devices.then(is_heard, lambda: os.kill(os.getpid(), number))
+    code, _, _, err = found()
+    assert (code, err) == (128 + number, f"Stopped by {number.name}.\n")
+    assert not devices.rvr._senses._streams
+    assert devices.lidar_commands[-1:] == ([] if command == "start_streaming_service" else ["stop"])
+
+
+def test_a_check_that_nobody_reads_to_its_end_stops_the_lidar(devices):
+    with closing(checking.check(Settings(ports=devices.names))) as found:
+        assert any(each.what == "lidar" for each in found)
+        assert devices.lidar_commands[-1] == "scan"
     assert devices.lidar_commands[-1] == "stop"
 
 

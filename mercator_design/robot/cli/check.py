@@ -1,5 +1,6 @@
 """mercator-robot check: find faults of the robot, and what to do."""
 
+import contextlib
 from collections.abc import Iterable
 
 import click
@@ -11,6 +12,7 @@ from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.protocols.clocks import answer, day_of, from_line, to_line
 from mercator_design.robot.run.channel import Channel
+from mercator_design.robot.run.safety import Signals
 from mercator_design.robot.setup.check import check as findings
 
 
@@ -29,10 +31,8 @@ def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) ->
 
     The wheels do not turn; the lidar turns for some seconds. Exit code 1 if there is a fault.
     """
-    if as_json:
-        _print(findings(settings, without))
-    else:
-        show(findings(settings, without))
+    with Signals().caught(), contextlib.closing(findings(settings, without)) as found:
+        (_print if as_json else show)(found)
 
 
 def _print(found: Iterable[Finding]) -> None:

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,7 @@ _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, 
 _MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
-def check(settings: Settings, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator[Finding, None, None]:
     """Check all that a run needs, except devices `without`. Only the lidar moves."""
     yield check_clock(time.time())
     kernel = _text(_KERNEL)
@@ -212,15 +212,15 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
 
 
 def _check_lidar(settings: Settings, link: Link) -> Iterator[Finding]:
-    started = start_lidar(link)
-    facts = started.words()
-    yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
-    if started.warning is not None:
-        words = f"{facts['lidar_health']}; take its power away for a moment"
-        yield Finding("lidar's health", is_fine=False, words=words)
-    link.discard()  # turns from before the start
     turns, sweep = Turns(), Sweep()
     try:
+        started = start_lidar(link)
+        facts = started.words()
+        yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
+        if started.warning is not None:
+            words = f"{facts['lidar_health']}; take its power away for a moment"
+            yield Finding("lidar's health", is_fine=False, words=words)
+        link.discard()  # turns from before the start
         next(_sights(link, turns, sweep), None)  # the motor starts
         before, begin = link.counts()["lidar"], sweep.swept
         sights = [*_sights(link, turns, sweep)]

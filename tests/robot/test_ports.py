@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import errno
+import fcntl
 import grp
 import os
 import pwd
@@ -13,12 +14,13 @@ from pathlib import Path
 
 import pytest
 import serial
+from serial import serialposix
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices import ports
-from mercator_design.robot.devices.ports import BAUD, DEVICES, PortNames, find_port, open_ports
+from mercator_design.robot.devices.ports import BAUD, DEVICES, PortNames, find_port, open_port, open_ports
 
 
 @pytest.fixture
@@ -238,6 +240,31 @@ def test_a_port_that_is_lost_while_it_is_opened(terminals, monkeypatch):
     monkeypatch.setattr(termios, "tcflush", lost)
     with pytest.raises(RobotError, match=r"^rvr: /dev/pts/\d+ is lost: Input/output error$"), open_ports(names):
         pass
+
+
+def test_a_port_that_takes_no_baud_rate(terminals, monkeypatch):
+    """As of an adapter that is pulled out meanwhile."""
+
+    control, _, names = fcntl.ioctl, *terminals
+
+    def fail(file, request, *rest):
+        if request == serialposix.TCGETS2:
+            raise OSError(errno.EIO, "Input/output error")
+        return control(file, request, *rest)
+
+    monkeypatch.setattr(fcntl, "ioctl", fail)
+    words = r"^lidar: /dev/pts/\d+: Failed to set custom baud rate .*; take its plug out and in"
+    with pytest.raises(RobotError, match=words):
+        open_port("lidar", names.lidar)
+
+
+def test_a_port_that_goes_while_it_is_refused(connected, monkeypatch):
+    def refuse(*_, **__):
+        raise serial.SerialException(errno.EACCES, "could not open")
+
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(RobotError, match=r"^lidar: /dev/no_such_port: no such port; connected are none$"):
+        open_port("lidar", "/dev/no_such_port")
 
 
 def test_each_device_has_a_port():

@@ -158,7 +158,14 @@ def _open(device: DeviceName, name: str) -> serial.Serial:
     try:
         port = ExclusivePort(path, BAUD[device], timeout=TIMEOUT, write_timeout=TIMEOUT, exclusive=True)
     except OSError as error:
-        raise RobotError(f"{path}: {_wrong(path, error)}", device=device) from None
+        try:
+            wrong = _wrong(path, error)
+        except OSError as gone:  # meanwhile
+            wrong = _wrong(path, gone)
+        raise RobotError(f"{path}: {wrong}", device=device) from None
+    except ValueError as error:  # pyserial's, if the port refuses a baud rate
+        words = f"{error}; take its plug out and in: is it the {device}'s adapter?"
+        raise RobotError(f"{path}: {words}", device=device) from None
     except termios.error as error:
         raise RobotError(f"{path} is lost: {error.args[-1]}", device=device) from None
     if users := _users(path):

@@ -70,8 +70,8 @@ class Cycle(NamedTuple):
 class _LastTurn(Sweep):
     """One that keeps nothing of the turn before."""
 
-    def _count(self, packet: ydlidar.Packet) -> bool:
-        super()._count(packet)
+    def _count(self, packet: ydlidar.Packet, read: float) -> bool:
+        super()._count(packet, read)
         return False
 
 

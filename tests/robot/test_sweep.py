@@ -8,7 +8,7 @@ from benchmarks.turning import ROBOTS, perceived
 from mercator_design.fsm import ReferenceModel
 from mercator_design.fsm.clustering import lidar_neighbours
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
-from mercator_design.robot.protocols.ydlidar import Packet, correction
+from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet, correction
 
 TURN = 360 * 64
 THREE = [(0.0, 0.3), (2.0, 0.6), (-1.0, 0.5)]
@@ -157,6 +157,35 @@ def test_how_much_of_a_turn_is_lost_is_counted(n, size):
         sweep.add(packet)
     assert sweep.swept.all - before.all == pytest.approx(TURN, abs=1)
     assert sweep.swept.lost - before.lost == pytest.approx(TURN * (2 * size + 1) / n, abs=2)
+
+
+def timed(turns):
+    """Packets of turns, and when each was measured [s]."""
+    samples = 0
+    for number in range(turns):
+        for packet in packets(THREE, wall=1.0):
+            samples += len(packet.samples)
+            yield number, packet, samples / SAMPLE_RATE
+
+
+@pytest.mark.parametrize("period", [2, 3, 5])
+def test_whole_turns_that_are_lost_are_counted(period):
+    sweep = Sweep()
+    for number, packet, measured in timed(60):
+        if number % period:
+            sweep.add(packet, read=measured)
+    assert sweep.swept.lost / sweep.swept.all == pytest.approx(1.0 / period, abs=0.03)
+
+
+@pytest.mark.parametrize("rate", [0.92, 1.0, 1.08])
+@pytest.mark.parametrize("pace", [0.0, 0.1])
+def test_packets_that_are_read_late_are_not_lost(rate, pace):
+    """The first 0.3 s of each second are read together, or one after the other, ten times as fast as they came."""
+    sweep = Sweep()
+    for _, packet, measured in timed(60):
+        second, part = divmod(measured, 1.0)
+        sweep.add(packet, read=(second + max(part, 0.3 + pace * part)) / rate)
+    assert sweep.swept.lost == 0
 
 
 @pytest.mark.parametrize("speed", [0.0, 4.0, -4.0])

@@ -1,6 +1,7 @@
 """The lidar's last turn: ranges in a ring by angle, each kept until the lidar has measured there again.
 
-Where a packet is lost, ranges of the turn before are kept for one more turn. The lost share of the turn is counted.
+Where a packet is lost, ranges of the turn before are kept for one more turn. The lost share of the turn is counted;
+whole turns that are lost show by the time that passes.
 """
 
 import math
@@ -8,7 +9,7 @@ from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
-from mercator_design.robot.protocols.ydlidar import TURN, Packet, angle_ahead
+from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, TURN, Packet, angle_ahead
 
 BINS = 1440
 """Bins of the ring: more than an X4 has samples in a turn, so that each sample has its own bin."""
@@ -19,6 +20,9 @@ MIN_READINGS = 2
 
 _GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
 _ASIDE = 2 * 64  # margin of a gap, as turns differ
+_SURE = 0.9  # part of the samples that a lidar has measured at least in a time
+_MOST = 0.6 * TURN  # angle that is missing, above which it is a whole turn
+_LATE = 0.1  # [s] for packets that are read late
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
 
 
@@ -51,6 +55,10 @@ class Sweep:
         self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: angles swept between which nothing came
         self._seen: int | None = None  # as _last, relative to the robot
         self.swept = Swept()
+        self._read = math.inf  # time of the latest packet [s]
+        self._step = 0.0  # angle from one sample to the next
+        self._behind = 0.0  # angle that is missing by the time
+        self._paused = math.inf  # time of the packet behind the latest pause [s]
         self._last: int | None = None  # angle of the last packet's last sample
         self._began: int | None = None  # angle swept at the last ring start
 
@@ -59,17 +67,18 @@ class Sweep:
         """Whether a whole turn has been seen."""
         return self._swept >= TURN
 
-    def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0) -> bool:
+    def add(self, packet: Packet, began: float = 0.0, ended: float = 0.0, read: float = 0.0) -> bool:
         """Take in a packet; return whether it ends a turn. A ring start before half a turn ends none.
 
         Args:
             packet: The packet.
             began: The robot's heading [rad] at the packet's first sample.
             ended: The robot's heading [rad] at its last sample.
+            read: Time [s] at which it was read, perhaps late and with others.
         """
         if packet.is_suspect:
             return False
-        is_gap = self._count(packet)
+        is_gap = self._count(packet, read)
         packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
             ahead = angle_ahead(self._last, packet.first)
@@ -96,14 +105,31 @@ class Sweep:
         self._last = packet.last
         return ends
 
-    def _count(self, packet: Packet) -> bool:
+    def _count(self, packet: Packet, read: float) -> bool:
         """Add a packet to `swept`; return whether samples before it are missing."""
         ahead = 0 if self._seen is None else angle_ahead(self._seen, packet.first)
         is_gap = ahead > _GAP
         self._seen = packet.last
-        turned = ahead + (packet.last - packet.first) % TURN
-        self.swept = Swept(self.swept.all + turned, self.swept.lost + (ahead if is_gap else 0))
+        span = (packet.last - packet.first) % TURN
+        missing = self._missing_turns(read)
+        self._behind = max(0.0, self._behind - missing - ahead - span)
+        if len(packet.samples) > 1:
+            self._step = span / (len(packet.samples) - 1)
+        lost = missing + (ahead if is_gap else 0)
+        self.swept = Swept(self.swept.all + missing + ahead + span, self.swept.lost + lost)
         return is_gap
+
+    def _missing_turns(self, read: float) -> int:
+        """The angle of whole turns that are missing before the latest pause, once late packets have been read."""
+        waited = _SURE * SAMPLE_RATE * self._step * max(0.0, read - self._read)
+        self._read = read
+        if waited > _MOST:
+            self._paused = read
+        if waited > _MOST or self._behind > 0.0:
+            self._behind += waited
+        if self._behind <= _MOST or read - self._paused <= _LATE:
+            return 0
+        return TURN * max(1, round(self._behind / TURN))
 
     def ranges(self) -> list[float]:
         """The range of each bin [m]; 0 where nothing was seen in the last turn, or, in a gap, in the turn before."""

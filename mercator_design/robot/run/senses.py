@@ -103,7 +103,7 @@ class Senses:
         if not isinstance(event, Packet):
             return False
         began = now - (len(event.samples) - 1) / SAMPLE_RATE
-        ends = self.sweep.add(event, heading(self.samples, began), heading(self.samples, now))
+        ends = self.sweep.add(event, heading(self.samples, began), heading(self.samples, now), now)
         if ends:
             self.samples["lidar"] = Sample(now, ())
             self.sight = sum(map(bool, self.sweep.ranges()))

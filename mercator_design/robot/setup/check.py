@@ -242,7 +242,7 @@ def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int
     """The end [s] and the number of readings of each turn of a lidar within `DURATION`."""
     for event, now in link.poll(time.monotonic() + DURATION):
         if isinstance(event, Packet):
-            sweep.add(event)
+            sweep.add(event, read=now)
             if (turn := turns.receive(event)) is not None:
                 yield now, sum(distance > 0.0 for _, distance in turn)
 

@@ -157,18 +157,17 @@ def in_control(
         robot = Mercator(settings, ports, reads, labels)
         signals.brake = robot.brake
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
+        control = Control(robot, watchdog, log)
         try:
-            with contextlib.ExitStack() as ways_out:
-                ways_out.enter_context(watchdog)
-                ways_out.enter_context(contextlib.closing(robot))
-                control = Control(robot, watchdog, log)
-                ways_out.callback(control.note_refused)
-                ways_out.enter_context(signals.until_stopped())  # nothing interrupts what is done after that
+            # Nothing interrupts what is done after `until_stopped`; a signal in an `ExitStack` could skip that.
+            with watchdog, contextlib.closing(robot), signals.until_stopped():
                 control.start()
                 yield control
         except BaseException as error:
             if robot.stop_failure:
                 error.add_note(robot.stop_failure)
             raise
+        finally:
+            control.note_refused()
     if wrong := "; ".join(filter(None, (log.failure if log is not None else "", robot.stop_failure))):
         raise RobotError(wrong)

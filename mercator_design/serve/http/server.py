@@ -16,6 +16,8 @@ from mercator_design.serve.settings import ServiceError
 
 _HEADER_SECONDS = 20.0
 """Seconds in which the headers of a request have to come, from the connection or the answer before on."""
+_READ_SECONDS = 30.0
+"""Seconds in which a client has to read something, when more of its answer waits than is kept for it."""
 _MAX_CONNECTIONS = 1000
 _LAST_SECONDS = 10
 """Seconds for open answers when the service ends."""
@@ -75,12 +77,14 @@ class _Server(uvicorn.Server):
 
 
 class PatientProtocol(H11Protocol):
-    """HTTP that does not wait for ever for the headers of a request.
+    """HTTP that waits neither for the headers of a request for ever, nor for a client to read its answer.
 
     Of too many connections, the one that has waited longest is closed, so idle clients keep nobody out.
     """
 
     _waiting: asyncio.TimerHandle | None = None
+    _unread: asyncio.TimerHandle | None = None
+    _since = 0.0
 
     def connection_made(self, transport: Any) -> None:  # noqa: ANN401 - as its base
         """Wait for the first request."""
@@ -93,6 +97,7 @@ class PatientProtocol(H11Protocol):
         """Wait no longer."""
         if self._waiting is not None:
             self._waiting.cancel()
+        self.resume_writing()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
@@ -100,28 +105,46 @@ class PatientProtocol(H11Protocol):
         super().on_response_complete()
         self._wait()
 
+    def pause_writing(self) -> None:
+        """Wait for the client to read."""
+        super().pause_writing()
+        self._since = self.loop.time()
+        self._unread = self.loop.call_later(_READ_SECONDS, self.give_up)
+
+    def resume_writing(self) -> None:
+        """The client has read."""
+        super().resume_writing()
+        if self._unread is not None:
+            self._unread.cancel()
+            self._unread = None
+
     def _wait(self) -> None:
         if self._waiting is not None:
             self._waiting.cancel()
+        self._since = self.loop.time()
         self._waiting = self.loop.call_later(_HEADER_SECONDS, self.give_up)
 
     def _make_room(self) -> None:
-        """Close the connection that has waited longest for a request, this one excepted."""
+        """Close the connection that has waited longest for its client, this one excepted."""
         others = [one for one in self.connections if isinstance(one, PatientProtocol) and one.is_waiting]
-        longest = min(others, key=PatientProtocol.patience)
+        longest = min(others, key=PatientProtocol.since)
         if longest is not self:
             longest.give_up()
 
     @property
     def is_waiting(self) -> bool:
-        """Whether it waits for a request."""
+        """Whether it waits for a request, or for the client to read."""
+        if self._unread is not None:
+            return True
         return (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing()
 
-    def patience(self) -> float:
-        """The time until which it waits for a request."""
-        return self._waiting.when() if self._waiting is not None else 0.0
+    def since(self) -> float:
+        """The time since which it waits."""
+        return self._since
 
     def give_up(self) -> None:
-        """Close the connection if it waits for a request."""
-        if self.is_waiting:
+        """Close the connection if it waits for its client; what the client does not read is dropped."""
+        if self._unread is not None:
+            self.transport.abort()
+        elif self.is_waiting:
             self.transport.close()

@@ -1,9 +1,11 @@
 """Helper processes for short work: their results, errors, time limits, deaths, end."""
 
+import errno
 import os
 import signal
 import threading
 import time
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
@@ -80,6 +82,19 @@ def test_a_helper_that_dies_is_replaced(desk, function):
     with pytest.raises(ServiceError, match="the process that worked on this has died"):
         desk.run(function)
     assert desk.run(where)[0] != process
+
+
+def test_a_helper_that_cannot_be_started_is_replaced(tmp_path, monkeypatch):
+    def refused(_):
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    desk = Desk(1, LIMIT, 2000, (), tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(SpawnProcess, "start", refused)
+        with pytest.raises(ServiceError, match="a process for this cannot be started: Resource temporarily unavail"):
+            desk.run(add, 1)
+    assert desk.run(add, 1) == 2
+    desk.close()
 
 
 def test_what_cannot_be_sent_does_no_harm(desk):

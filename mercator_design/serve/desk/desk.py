@@ -77,7 +77,7 @@ class Desk:
             MercatorError: What the function raises.
             Busy: All helpers are at work, or as many as a user may have.
             TooMuchWork: The function took too long or too much memory; its helper was killed.
-            ServiceError: The helper died.
+            ServiceError: The helper died, or its process cannot be started.
         """
         return self.run_within(self._seconds, function, *arguments, **given)
 
@@ -115,17 +115,19 @@ class Desk:
             yield helper
             is_well = True
         finally:
-            if not is_well:
-                helper.close()
-            with self._changed:
-                self._asked -= Counter([user])
-                self._at_work -= Counter([user])
-                if is_well:
-                    self._idle.append(helper)
-                else:
-                    self._all.discard(helper)
-                    self._add()
-                self._changed.notify_all()
+            try:
+                if not is_well:
+                    helper.close()
+            finally:
+                with self._changed:
+                    self._asked -= Counter([user])
+                    self._at_work -= Counter([user])
+                    if is_well:
+                        self._idle.append(helper)
+                    else:
+                        self._all.discard(helper)
+                        self._add()
+                    self._changed.notify_all()
 
     def _add(self) -> None:
         if not self._is_closed:
@@ -173,11 +175,15 @@ class _Helper:
         with self._starting:
             if self._has_ended:
                 raise ServiceError("the service ends")
-            self._connection, theirs = context.Pipe()
-            arguments = (theirs, self._plugins, str(self._folder))
-            self._process = context.Process(target=_serve, args=arguments, name="helper", daemon=True)
-            self._process.start()
-            theirs.close()
+            try:
+                self._connection, theirs = context.Pipe()
+                with theirs:
+                    arguments = (theirs, self._plugins, str(self._folder))
+                    process = context.Process(target=_serve, args=arguments, name="helper", daemon=True)
+                    process.start()
+            except OSError as error:  # for example, there are too many processes
+                raise ServiceError(f"a process for this cannot be started: {error.strerror or error}") from None
+            self._process = process
 
     def end(self) -> None:
         """Kill the process, and start no other one."""

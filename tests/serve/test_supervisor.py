@@ -5,10 +5,12 @@ import json
 import os
 import shutil
 import sqlite3
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from mercator_design.race.running.journal import Reading
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.races import check_place
 from mercator_design.serve.jobs.running import Running
@@ -108,6 +110,33 @@ def test_a_process_that_does_not_stop_is_killed(house):
     assert house.processes[job].is_killed
     house.tick()
     assert house.state(job) == "paused"
+
+
+def test_changes_of_a_job_do_not_read_its_journal(house, monkeypatch):
+    """It may be long, and other jobs wait meanwhile."""
+    job, done = house.submit(), house.submit("bob")
+    house.tick()
+    house.race(job, lines=40)
+    house.tick()
+    with monkeypatch.context() as patch:
+        patch.delattr(Reading, "read_on")
+        house.jobs.pause(job)
+        house.jobs.change(job, priority=3, shared=True)
+    house.tick()
+    house.end(job, 75)
+    house.tick()
+    house.finish(done)
+    before, ended = house.row(job), house.row(done)
+    assert (before.state, before.priority, before.shared) == ("paused", 3, True)
+    assert ended.state == "succeeded"
+    with monkeypatch.context() as patch:
+        patch.delattr(Reading, "read_on")
+        assert house.jobs.change(job, priority=1) == replace(before, priority=1)
+        assert house.jobs.resume(job) == replace(before, priority=1, state="queued")
+        assert house.jobs.cancel(job).state == "cancelled"
+        assert house.jobs.change(done, shared=True) == replace(ended, shared=True)
+        extended = house.jobs.change(done, budget=2 * BUDGET)
+        assert extended == replace(ended, shared=True, state="queued", budget=2 * BUDGET, ended="")
 
 
 def test_extend_after_the_end(house):

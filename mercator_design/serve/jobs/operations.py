@@ -159,7 +159,7 @@ class Operations:
         with self._supervisor.locked:
             row = self._expect(identity, what, states)
             self._store.update(identity, **changes(self._store.read(identity)))
-            changed = self._supervisor.refresh(identity)
+            changed = self._supervisor.note_change(identity)
         self._supervisor.wake()
         return changed or row
 

@@ -35,6 +35,17 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
     )  # fmt: skip
 
 
+def changed_row(row: Row, job: Job, *, is_running: bool) -> Row:
+    """The row of a job whose file was changed; its race is as it was."""
+    request = job.request
+    is_finished = row.state == "succeeded" and row.budget >= request.budget
+    state = state_of(job, is_finished=is_finished, is_running=is_running)
+    return replace(
+        row, state=state, message="" if state == "succeeded" else job.failure,
+        budget=request.budget, priority=request.priority, ended=job.ended, shared=job.shared,
+    )  # fmt: skip
+
+
 def is_of(row: Row, job: Job) -> bool:
     """Whether the row of a job that has ended agrees with the job's file."""
     request = job.request

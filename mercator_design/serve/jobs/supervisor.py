@@ -20,7 +20,7 @@ from mercator_design.serve.jobs.index import Index, Row
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus, length_of
-from mercator_design.serve.jobs.rows import is_of, row_of_folder, row_of_job
+from mercator_design.serve.jobs.rows import changed_row, is_of, row_of_folder, row_of_job
 from mercator_design.serve.jobs.running import NO_SPACE, Running
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
@@ -126,17 +126,31 @@ class Supervisor:
                 status.read_on()
             except RaceError as error:
                 problem = error.messages[0]
-            row = row_of_job(job, status, problem, is_running=run is not None or is_locked(folder / JOURNAL))
-            if run is not None:
-                run.job = job
-                clock = self._clock()
-                row = replace(row, message=run.message, seconds=run.seconds(clock), left=run.left(clock))
-            elif row.state == "queued" and identity in self._held:
-                row = replace(row, state="paused", message=self._held[identity][0])
-            elif row.state == "queued":
-                row = replace(row, message=self.shortage)
-            self._index.put(row)
-            return row
+            is_running = run is not None or is_locked(folder / JOURNAL)
+            return self._put(row_of_job(job, status, problem, is_running=is_running), job)
+
+    def note_change(self, identity: str) -> Row | None:
+        """Make the row of a job agree with its file, which was changed; its journal, which may be long, is not read."""
+        with self.locked:
+            row, run = self._index.get(identity), self._runs.get(identity)
+            if row is None or (row.state == "running" and run is None):
+                return self.refresh(identity)
+            is_running = run is not None or is_locked(self._store.run_folder(identity) / JOURNAL)
+            job = self._store.read(identity)
+            return self._put(changed_row(row, job, is_running=is_running), job)
+
+    def _put(self, row: Row, job: Job) -> Row:
+        """Note the row of a job, with what is known of it beyond its files."""
+        if (run := self._runs.get(job.id)) is not None:
+            run.job = job
+            clock = self._clock()
+            row = replace(row, message=run.message, seconds=run.seconds(clock), left=run.left(clock))
+        elif row.state == "queued" and job.id in self._held:
+            row = replace(row, state="paused", message=self._held[job.id][0])
+        elif row.state == "queued":
+            row = replace(row, message=self.shortage)
+        self._index.put(row)
+        return row
 
     def _damaged(self, identity: str, error: ServiceError) -> Row | None:
         """The row of a job whose file is damaged; None if its owner is not known."""

@@ -14,7 +14,7 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.race import RaceOptions, Space
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.journal import Reading, read
+from mercator_design.race.running.journal import Reading
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
 from mercator_design.runs.provenance import PROVENANCE, Provenance
@@ -138,14 +138,19 @@ def without_provenance(path: Path) -> str:
     )
 
 
-def read_journal(path: Path) -> Reading:
+def read_journal(path: Path, before: Reading | None = None) -> Reading:
     """Read the journal of a run folder, which another process may be writing.
+
+    Args:
+        path: The run folder.
+        before: An earlier reading, which goes on.
 
     Raises:
         OtherVersion: see there.
         RaceError: if there is no journal, or it is corrupt.
     """
-    reading = read(path / JOURNAL)
+    reading = before or Reading(path / JOURNAL)
+    reading.read_on()
     if reading.record.start:
         _check_start(reading.record.start, f"{path / JOURNAL}, line 1: start")
     return reading

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import sqlite3
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -569,6 +570,39 @@ def test_run_folders_come_run_and_go_while_the_service_runs(house, raced):
     shutil.rmtree(folder)
     house.tick(5)
     assert house.row("new") is None
+
+
+def test_races_of_others_are_read_on(house, raced, monkeypatch):
+    """Also that of a job whose process a service that was killed has left."""
+    read, read_on = Counter(), Reading.read_on
+
+    def counted(reading):
+        before = reading.length
+        events = read_on(reading)
+        read[reading.path.parent.name] += reading.length - before
+        return events
+
+    job = house.submit()
+    house.tick()
+    house.race(job, lines=30)
+    shutil.copytree(raced, house.data / "other")
+    lines = (raced / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    journals = [house.data / name / "journal.jsonl" for name in (job, "other")]
+    journals[1].write_bytes(b"".join(lines[:30]))
+    with locked(journals[0].parent), locked(journals[1].parent):
+        monkeypatch.setattr(Reading, "read_on", counted)
+        house.crash()
+        for line in lines[30:40]:
+            for journal in journals:
+                with journal.open("ab") as file:
+                    file.write(line)
+            house.tick(5)
+        length = sum(map(len, lines[:40]))
+        assert read == {job: length, "other": length}
+        journals[1].unlink()
+        journals[1].write_bytes(b"".join(lines[:35]))
+        house.tick(5)
+        assert read["other"] == length + sum(map(len, lines[:35]))
 
 
 def test_odd_names_of_run_folders_are_left_out(house, raced):

@@ -8,6 +8,7 @@ import yaml
 
 from mercator_design.config.yaml_tree import LOADER
 from mercator_design.errors import RaceError, excerpt, printable
+from mercator_design.race.running.journal import Reading
 from mercator_design.report.runs import run_of
 from mercator_design.runs.files import OtherVersion, read_journal
 from mercator_design.serve.jobs.index import Row
@@ -56,10 +57,10 @@ def is_of(row: Row, job: Job) -> bool:
     return row == same and (not job.failure or row.message == job.failure)
 
 
-def row_of_folder(folder: Path) -> Row | None:
-    """The row of a run folder that is of no job; None if no race has begun there."""
+def row_of_folder(folder: Path, reading: Reading) -> Row | None:
+    """The row of a run folder that is of no job, whose journal is read on; None if no race has begun there."""
     try:
-        reading = read_journal(folder)
+        read_journal(folder, reading)
     except RaceError as error:
         what = "of another version: " if isinstance(error, OtherVersion) else ""
         return Row(id=folder.name, owner="", name=folder.name, state="failed", message=what + error.messages[0])

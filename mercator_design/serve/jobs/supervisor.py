@@ -12,14 +12,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 from mercator_design.errors import MercatorError, RaceError, described
-from mercator_design.race.running.journal import is_locked, now
+from mercator_design.race.running.journal import Reading, is_locked, now
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, Row
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
-from mercator_design.serve.jobs.races import RaceStatus, length_of
+from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.rows import changed_row, is_of, row_of_folder, row_of_job
 from mercator_design.serve.jobs.running import NO_SPACE, Running
 from mercator_design.serve.jobs.scheduler import next_job
@@ -39,6 +40,14 @@ _RETRY = 5.0
 _OTHERS = 3.0
 """Seconds between two looks at run folders that processes of others may run."""
 _MB = 1_000_000
+
+
+class _FolderState(NamedTuple):
+    """What shows that the race of a run folder goes on."""
+
+    inode: int  # of the journal
+    length: int
+    is_locked: bool
 
 
 class Supervisor:
@@ -61,7 +70,9 @@ class Supervisor:
         self._held: dict[str, tuple[str, float]] = {}  # jobs that wait: for what, and until when at least
         self._deaths: dict[str, tuple[int, int]] = {}  # by job: deaths without progress, experiments at the last one
         self._served: dict[str, int] = {}
-        self._others: dict[str, tuple[int, bool]] = {}  # run folders of no job: length of the journal, is it locked
+        # Run folders of no job, with what was read of those that run.
+        self._others: dict[str, tuple[_FolderState, Reading | None]] = {}
+        self._followed: dict[str, RaceStatus] = {}  # jobs that processes of others run
         self._looked = -math.inf  # when the run folders of others were looked at
         self._is_short = False
         self._problems: dict[str, str] = {}  # that are logged already
@@ -120,13 +131,15 @@ class Supervisor:
                 job = self._store.read(identity)
             except ServiceError as error:
                 return self._damaged(identity, error)
-            folder, run = self._store.run_folder(identity), self._runs.get(identity)
-            status, problem = RaceStatus(folder) if run is None else run.status, ""
+            folder, run, problem = self._store.run_folder(identity), self._runs.get(identity), ""
+            status = run.status if run is not None else self._followed.pop(identity, RaceStatus(folder))
             try:
                 status.read_on()
             except RaceError as error:
                 problem = error.messages[0]
             is_running = run is not None or is_locked(folder / JOURNAL)
+            if run is None and is_running and not problem:
+                self._followed[identity] = status
             return self._put(row_of_job(job, status, problem, is_running=is_running), job)
 
     def note_change(self, identity: str) -> Row | None:
@@ -287,11 +300,17 @@ class Supervisor:
         for name, path in found.items():
             with self._going_on(name):
                 journal = path / JOURNAL
-                state = (length_of(journal), is_locked(journal))
-                if self._others.get(name) != state:
-                    if (row := row_of_folder(path)) is not None:
-                        self._index.put(row)
-                    self._others[name] = state
+                file = journal.stat()
+                state = _FolderState(file.st_ino, file.st_size, is_locked(journal))
+                before, reading = self._others.get(name, (None, None))
+                if state == before:
+                    continue
+                if reading is None or before is None or before.inode != state.inode or state.length < reading.length:
+                    reading = Reading(journal)
+                if (row := row_of_folder(path, reading)) is not None:
+                    self._index.put(row)
+                is_running = row is not None and row.state == "running"
+                self._others[name] = state, reading if is_running else None
         rows, _ = self._index.find(None, states=("running",), limit=-1)
         for row in rows:
             if row.is_job and row.id not in self._runs:

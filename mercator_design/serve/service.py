@@ -55,6 +55,7 @@ class Service:
                 settings.helpers, settings.helper_seconds, settings.helper_memory, settings.plugins, Path(empty)
             )
             ends.callback(self.desk.close)
+            self.desk.check_plugins()
             self.supervisor.start()
             self._ends = ends.pop_all()
         return self

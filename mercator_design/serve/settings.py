@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from mercator_design.config.loading import read
-from mercator_design.config.schema import Range
+from mercator_design.config.schema import FilePath, Range
 from mercator_design.errors import MercatorError
 
 FILE = "serve.yaml"
@@ -47,7 +47,9 @@ class Settings:
     helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
     helper_memory: Annotated[int, Range(300)] = 2000  # of a helper, above which such work is refused [MB]
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
-    plugins: tuple[str, ...] = ()  # Python files with objectives and dynamics; they run as the service's user
+    plugins: tuple[
+        Annotated[str, FilePath()], ...
+    ] = ()  # Python files with objectives and dynamics; they run as the service's user
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
     proxies: tuple[str, ...] = ("127.0.0.1", "::1")  # addresses or networks of the proxy, for --behind-proxy
     limits: Limits = Limits()

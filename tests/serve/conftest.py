@@ -63,6 +63,9 @@ class SharedDesk:
     def __init__(self, desk):
         self.run = desk.run
 
+    def check_plugins(self):
+        pass
+
     def close(self):
         pass
 

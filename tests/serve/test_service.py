@@ -1,7 +1,19 @@
+import json
+from pathlib import Path
+
 import pytest
 
+from mercator_design.serve.desk.missions import mission_schema
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
+
+PLUGIN = """
+from mercator_design.missions.plugins import objective
+
+@objective
+def own_objective(trace) -> float:
+    return float(trace.poses[-1, 0, 0])
+"""
 
 
 def test_two_services_on_one_folder(tmp_path, idle_races):
@@ -21,6 +33,19 @@ def test_a_mistake_in_the_settings_lets_go_of_the_folder(tmp_path, idle_races):
     file.unlink()
     with Service(tmp_path) as service:
         assert service.settings.races == 1
+
+
+def test_plugins_are_beside_the_settings(tmp_path, idle_races, monkeypatch):
+    monkeypatch.chdir(tmp_path.parent)
+    (tmp_path / "serve.yaml").write_text("plugins: [own.py]\nhelpers: 1\n")
+    with pytest.raises(ServiceError, match=r"plugins: .*own\.py: no such file"), Service(Path(tmp_path.name)):
+        pass
+    (tmp_path / "own.py").write_text("1 / 0\n")
+    with pytest.raises(ServiceError, match=r"plugins: .*own\.py.*ZeroDivisionError"), Service(Path(tmp_path.name)):
+        pass
+    (tmp_path / "own.py").write_text(PLUGIN)
+    with Service(Path(tmp_path.name)) as service:
+        assert "own_objective" in json.dumps(service.desk.run(mission_schema))
 
 
 def test_a_folder_that_is_a_file(tmp_path):

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -88,6 +88,15 @@ class Desk:
         if error is not None:
             raise error
         return cast("R", result)
+
+    def check_plugins(self) -> None:
+        """Let a helper load the plugins.
+
+        Raises:
+            ServiceError: One of them cannot be read, or fails when it is run.
+        """
+        if self._plugins:
+            self.run(_nothing)
 
     def close(self) -> None:
         """End the helpers."""
@@ -221,20 +230,33 @@ def _serve(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     os.nice(_NICE)
     die_first()
     os.chdir(folder)
-    for file in plugins:
-        run_plugin(read_plugin(Path(file)), file)
+    problem = None
+    try:
+        for file in plugins:
+            run_plugin(read_plugin(Path(file)), file)
+    except MercatorError as error:
+        problem = ServiceError(*(f"plugins: {message}" for message in error.messages))
     refuse_more("expected a plugin that serve.yaml names, found another one; it was not run")
     with contextlib.suppress(EOFError, OSError):
         while True:
             function, arguments, given = connection.recv()
-            answer: tuple[object, Exception | None]
-            try:
-                answer = (function(*arguments, **given), None)
-            except MercatorError as error:
-                answer = (None, error)
-            except Exception as error:  # noqa: BLE001 - a fault of this program: the service reports and goes on
-                answer = (None, ServiceError(f"internal error: {described(error)}"))
-            connection.send(answer)
+            connection.send((None, problem) if problem is not None else _answer(function, arguments, given))
+
+
+def _answer(
+    function: Callable[..., object], arguments: Sequence[object], given: Mapping[str, object]
+) -> tuple[object, Exception | None]:
+    """The result of a function, or the exception that it raises."""
+    try:
+        return function(*arguments, **given), None
+    except MercatorError as error:
+        return None, error
+    except Exception as error:  # noqa: BLE001 - a fault of this program: the service reports and goes on
+        return None, ServiceError(f"internal error: {described(error)}")
+
+
+def _nothing() -> None:
+    """A piece of work that only needs a helper."""
 
 
 def _end_with_service() -> None:

@@ -119,13 +119,18 @@ class Designs(Records[Design]):
 
         Raises:
             KeyError: There is none.
+            ServiceError: A value is not valid; it is as before.
             OSError: It cannot be written; it is as before.
         """
         with self._lock:
-            design = replace(self._known[identity], **changes)
-            self.write(design)
-            self._known[identity] = design
-            return design
+            before = self._known[identity]
+            self.write(replace(before, **changes))
+            try:
+                self._known[identity] = self.read(identity)
+            except ServiceError:
+                self.write(before)
+                raise
+            return self._known[identity]
 
     def delete(self, identity: str) -> None:
         """Delete a design.

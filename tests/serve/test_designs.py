@@ -6,7 +6,7 @@ from mercator_design.fsm.files import read_fsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.serve.designs import Designs
 from mercator_design.serve.jobs.operations import LimitReached
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import Limits, ServiceError
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission
 
 pytestmark = pytest.mark.together
@@ -62,7 +62,9 @@ class TestSave:
         found = ann.post("/api/v1/fsms/evaluate", json=body).json()
         assert found["fsms"][0]["mean"] == pytest.approx(design["mean"])
 
-    @pytest.mark.parametrize("name", ["", " x", "a/b", "<b>", "a\nb", "x" * 101, "..", "a\n"])
+    @pytest.mark.parametrize(
+        "name", ["", " x", "a/b", "<b>", "a\nb", "x" * 101, "..", "a\n", "re\u0301sume\u0301", "a\u200db"]
+    )
     def test_names(self, ann, name):
         body = {"name": name, "mission": MISSION, "fsm": {"fsm": FSM}}
         assert ann.post("/api/v1/designs", json=body).status_code == 422
@@ -104,6 +106,16 @@ class TestChange:
         assert bob.patch(path, json={"name": "x"}).status_code == 403
         assert bob.delete(path).status_code == 403
         assert ann.patch(path, json={"owner": "bob"}).status_code == 422
+
+    @pytest.mark.parametrize("name", ["re\u0301sume\u0301", "a\u200db"])
+    def test_a_name_that_its_file_cannot_have(self, ann, service, name):
+        design = save(ann, "mine")
+        answer = ann.patch(f"/api/v1/designs/{design['id']}", json={"name": name})
+        assert answer.status_code == 422
+        assert answer.json()["errors"][0].startswith("body.name: expected a text: letters, digits, spaces")
+        with pytest.raises(ServiceError, match="name: expected"):
+            service.designs.update(design["id"], name=name)
+        assert service.designs.read(design["id"]).name == service.designs.get(design["id"]).name == "mine"
 
     def test_delete(self, ann, service):
         design = save(ann)

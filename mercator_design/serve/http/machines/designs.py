@@ -4,9 +4,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import PlainTextResponse
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from mercator_design.api import fresh_instances
+from mercator_design.config.schema import Name, unwrapped
 from mercator_design.designer import TEST_SEED
 from mercator_design.serve.designs import FSM, Design
 from mercator_design.serve.desk.desk import TooMuchWork
@@ -25,8 +26,25 @@ _RUNS = 10
 """Instances on which a design is measured when it is saved."""
 _MEASURING = 0.25
 """Of the time limit of the helpers: after so much, no further experiment begins."""
+
+
+def _as_in_files(name: str) -> str:
+    """A name that the file of a design may have: there, fewer characters are letters than in pydantic's pattern.
+
+    Raises:
+        ValueError: It may not have this one.
+    """
+    _, rules = unwrapped(Name)
+    for rule in rules:
+        if not rule.allows(name):
+            raise ValueError(f"expected {rule.says('a text')}")
+    return name
+
+
 _Name = Annotated[
-    str, Field(min_length=1, max_length=100, pattern=r"^\w[\w .+\-]*$", description="Letters, digits, spaces, . _ + -")
+    str,
+    Field(min_length=1, max_length=100, pattern=r"^\w[\w .+\-]*$", description="Letters, digits, spaces, . _ + -"),
+    AfterValidator(_as_in_files),
 ]
 
 

@@ -428,6 +428,32 @@ def test_jobs_of_a_user_are_limited(furnished):
         house.submit(budget=60, test_runs=101)
 
 
+def test_a_job_that_goes_on_is_within_the_limits(furnished):
+    house = furnished(limits=Limits(jobs=1, disk=1))
+    failed = house.submit(text="#" * 600_000)
+    house.tick()
+    house.end(failed, 1)
+    other = house.submit(text="#" * 300_000)
+    for goes_on in (lambda: house.jobs.resume(failed), lambda: house.jobs.change(failed, budget=2 * BUDGET)):
+        with pytest.raises(LimitReached, match="expected at most 1 jobs of ann that have not ended, found 1"):
+            goes_on()
+    house.jobs.cancel(other)
+    assert house.jobs.resume(failed).state == "queued"
+    house.jobs.pause(failed)
+    (house.store.run_folder(other)).mkdir()
+    (house.store.run_folder(other) / "results.csv").write_text("#" * 200_000)
+    for goes_on in (
+        lambda: house.jobs.resume(failed),
+        lambda: house.jobs.change(failed, budget=2 * BUDGET),
+        lambda: house.jobs.check_disk("ann"),
+    ):
+        with pytest.raises(LimitReached, match="expected the jobs of ann to have at most 1 MB, found 1 MB"):
+            goes_on()
+    house.jobs.check_disk("bob")
+    house.jobs.delete(other)
+    assert house.jobs.resume(failed).state == "queued"
+
+
 def test_delete(house):
     running, done = house.submit(), house.submit()
     house.tick()

@@ -45,11 +45,7 @@ class Operations:
                 return self.same(row, request, text)
             self._check_budget(request.budget)
             self._check_budget(request.test_runs, "test_runs")
-            counts = self._index.counts(owner)
-            if (n := sum(counts.get(state, 0) for state in _OPEN)) >= self._limits.jobs:
-                raise LimitReached(
-                    f"expected at most {self._limits.jobs} jobs of {owner} that have not ended, found {n}"
-                )
+            self._check_number(owner)
             job = self._store.create(owner, name, direction, request, text, key=key)
             try:
                 row = self._supervisor.refresh(job.id)
@@ -77,7 +73,7 @@ class Operations:
             LimitReached: They do not.
         """
         rows, _ = self._index.find(None, owner=owner, limit=-1)
-        used = sum(size_of(self._store.run_folder(row.id)) for row in rows)
+        used = sum(size_of(self._store.run_folder(row.id)) + size_of(self._store.folder(row.id)) for row in rows)
         if used > self._limits.disk * _MB:
             found = f"found {used / _MB:.0f} MB; delete some"
             raise LimitReached(f"expected the jobs of {owner} to have at most {self._limits.disk} MB, {found}")
@@ -95,7 +91,9 @@ class Operations:
 
         Raises:
             NotPossible: It has ended otherwise.
+            LimitReached: see `Limits`.
         """
+        self._check_more_of(identity)
         return self._change(identity, "resume", (*_OPEN, "failed"), _going_on)
 
     def cancel(self, identity: str) -> Row:
@@ -121,6 +119,7 @@ class Operations:
         """
         if budget is not None:
             self._check_budget(budget)
+            self._check_more_of(identity)
 
         def changes(job: Job) -> dict[str, Any]:
             request = job.request
@@ -162,6 +161,19 @@ class Operations:
             changed = self._supervisor.note_change(identity)
         self._supervisor.wake()
         return changed or row
+
+    def _check_more_of(self, identity: str) -> None:
+        """Check that a job may go on, if it has ended, and that its user's jobs leave space on the disk."""
+        row = self._index.get(identity)
+        if row is not None and row.is_job:
+            if row.state not in _OPEN:
+                self._check_number(row.owner)
+            self.check_disk(row.owner)
+
+    def _check_number(self, owner: str) -> None:
+        counts = self._index.counts(owner)
+        if (n := sum(counts.get(state, 0) for state in _OPEN)) >= self._limits.jobs:
+            raise LimitReached(f"expected at most {self._limits.jobs} jobs of {owner} that have not ended, found {n}")
 
     def _check_budget(self, experiments: int, key: str = "budget") -> None:
         if experiments > self._limits.budget:

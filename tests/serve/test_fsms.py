@@ -6,11 +6,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import mercator_design as md
+from mercator_design.errors import MissionError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
+from mercator_design.serve.desk.machines import Machines, replays
+from mercator_design.serve.desk.sources import FsmSource, MissionSource
+from mercator_design.serve.settings import Limits
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.replay import replay_of
@@ -294,6 +298,15 @@ class TestReplay:
         answer = client.post("/api/v1/fsms/replay", json={"mission": mission, "fsms": [{"fsm": FSM}]})
         assert answer.status_code == 422
         assert "found 1,440,000" in answer.json()["errors"][0]
+
+    def test_a_floor_that_changes_too_often(self, monkeypatch):
+        blink = "{name: schedule, zones: [spot], times: [0.1, 0.2], colors: [white, black], every: 0.2}"
+        mission = MissionSource(name="aggregation", overrides=("duration=3", f"floor.dynamics=[{blink}]"))
+        machines = Machines(fsms=(FsmSource(name="one", text=STOP),) * 2, mission=mission, limits=Limits())
+        n = sum(len(one["header"]["floor"]["changes"]) for one in replays(machines, 1))
+        monkeypatch.setattr("mercator_design.serve.desk.machines._MOST_CHANGES", n - 1)
+        with pytest.raises(MissionError, match=f"at most {n - 1:,} changes of zones in a replay, found {n:,}"):
+            replays(machines, 1)
 
     def test_of_a_job(self, client, job):
         identity, run = job

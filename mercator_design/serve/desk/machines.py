@@ -27,6 +27,8 @@ from mercator_design.view.replay import Replay, replay_of
 
 _MOST_CELLS = 1_000_000
 """Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""
+_MOST_CHANGES = 100_000
+"""Changes of zones in the replays of a request."""
 _CYCLE = 0.1  # [s] of missions that say nothing else
 
 
@@ -159,15 +161,16 @@ def replays(machines: Machines, seed: int) -> list[Replay]:
             f"{mission.name}: expected at most {_MOST_CELLS:,} cycles of all robots together in a replay, "
             f"found {cells:,}"
         )
-    return [
-        replay_of(
-            ShownExperiment.simulated(
-                simulator, one.pfsm, seed, title=f"{source.name} on {simulator.mission.name}, seed {seed}",
-                states=one.names,
+    found, changes = list[Replay](), 0
+    for source, one in zip(machines.fsms, fsms, strict=True):
+        title = f"{source.name} on {mission.name}, seed {seed}"
+        found.append(replay_of(ShownExperiment.simulated(simulator, one.pfsm, seed, title=title, states=one.names)))
+        changes += len(found[-1]["header"]["floor"]["changes"])
+        if changes > _MOST_CHANGES:
+            raise MissionError(
+                f"{mission.name}: expected at most {_MOST_CHANGES:,} changes of zones in a replay, found {changes:,}"
             )
-        )
-        for source, one in zip(machines.fsms, fsms, strict=True)
-    ]  # fmt: skip
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -153,7 +153,7 @@ class _Composer:
         self.mistakes: list[str] = []
 
     def _events(self, text: str) -> Iterator[_Event]:
-        if len(text) > MAX_FILE_SIZE:
+        if len(text.encode(errors="surrogatepass")) > MAX_FILE_SIZE:
             raise Fault(f"{self.label}: expected at most {MAX_FILE_SIZE // 1024} KiB of YAML")
         try:
             yield from yaml.parse(text, Loader=LOADER)

@@ -32,6 +32,7 @@ HOSTILE = {
     "quoted escapes": TEXT.replace("left source", '"left \\x1b \\u202e source"'),
     "line separators": TEXT.replace("robots: 3", "robots: \u2028 3\u0085 4"),
     "long text": "a: " + "x" * (MAX_TEXT - 3),
+    "many bytes": TEXT + "#" + "é" * (MAX_TEXT // 2),
     "many keys": "".join(f"key{i}: 1\n" for i in range(5000)),
     "documents": "--- 1\n" * 1000,
     "empty": "",

@@ -132,6 +132,14 @@ def test_a_job_is_changed_and_deleted(page, live):
     row = live.service.index.get(job)
     assert (row.budget, row.priority) == (5000, 7)
     page.wait_for("document.querySelector('#now').innerText.includes('of 5000')")
+    live.service.jobs.change(job, priority=3)  # elsewhere
+    page.evaluate("document.querySelector('#told').innerText = ''")
+    page.evaluate("document.querySelector('#change [name=budget]').value = 6000")
+    page.evaluate("document.querySelector('#change button').click()")
+    page.wait_for("document.querySelector('#told').innerText === 'Changed.'")
+    row = live.service.index.get(job)
+    assert (row.budget, row.priority) == (6000, 3)
+    assert page.evaluate("document.querySelector('#change [name=priority]').value") == "3"
     page.evaluate(f"document.getElementById('delete-{job}').click()")
     page.wait_for("document.querySelector('dialog[open]')")
     page.evaluate("document.querySelector('dialog button[value=yes]').click()")

@@ -58,11 +58,14 @@
   at("change")?.addEventListener("submit", async (event) => {
     event.preventDefault();
     const form = event.target;
-    const body = { priority: Number(form.priority.value) };
+    const body = {}; // only what was changed here: the rest may have been changed elsewhere since
+    if (form.priority.value !== form.priority.defaultValue) body.priority = Number(form.priority.value);
     if (form.budget.value) body.budget = Number(form.budget.value);
-    if (form.shared) body.shared = form.shared.checked;
+    if (form.shared && form.shared.checked !== form.shared.defaultChecked) body.shared = form.shared.checked;
     const job = await Live.act("PATCH", path, body);
     if (!job) return;
+    form.priority.value = form.priority.defaultValue = job.priority;
+    if (form.shared) form.shared.checked = form.shared.defaultChecked = job.shared;
     form.budget.value = "";
     form.budget.min = job.budget + 1;
     form.budget.placeholder = job.budget;

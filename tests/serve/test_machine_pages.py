@@ -51,6 +51,18 @@ class TestText:
         names = re.findall(r"/assets/([\w.]+)\?", client.get(path).text)
         assert sum(len(assets()[name].data) for name in names) < 200_000
 
+    def test_the_editor_offers_also_an_old_job_or_design_that_is_asked_for(self, service, raced, monkeypatch):
+        with client_of(service, "ann") as ann, client_of(service, "bob") as bob:
+            design = save(ann, "an old one")
+            monkeypatch.setattr(service.index, "find", lambda *_, **__: ([], 0))
+            monkeypatch.setattr(service.designs, "find", lambda _: [])
+            asked = f"/fsm?job=before&design={design}"
+            for value in ("job:before", f"design:{design}"):
+                assert ann.get("/fsm").text.count(f'value="{value}"') == 0
+                assert ann.get(asked).text.count(f'value="{value}"') == 2  # as a mission, and to compare with
+            assert design not in bob.get(asked).text
+            assert ann.get("/fsm?job=none&design=none").status_code == 200
+
     def test_designs_of_others_are_not_on_them(self, service, raced):
         with client_of(service, "ann") as ann, client_of(service, "bob") as bob:
             secret, shared = save(ann, "mine alone"), save(ann, "for all", shared=True)

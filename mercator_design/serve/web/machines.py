@@ -1,5 +1,8 @@
 """The pages on which users draw FSMs and run them, and compare those of jobs and designs."""
 
+import contextlib
+from typing import NamedTuple
+
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
@@ -8,8 +11,10 @@ from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
-from mercator_design.serve.http.context import TheService, TheUser
+from mercator_design.serve.http.context import TheService, TheUser, visible_job
+from mercator_design.serve.http.given import visible_design
 from mercator_design.serve.http.machines.schemas import MAX_FSMS
+from mercator_design.serve.http.problems import Missing
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
@@ -25,16 +30,17 @@ _MOST = 200
 
 
 @router.get("/fsm")
-def editor(service: TheService, user: TheUser) -> HTMLResponse:
+def editor(service: TheService, user: TheUser, job: str = "", design: str = "") -> HTMLResponse:
     """Draw an FSM: `?job=ID` starts from its winner, `?design=ID` from a design."""
     flavours = options((one, one) for one in FLAVOURS)
     share = '<label class="check"><input id="shared" type="checkbox"> Share it with all users</label>'
     share = "" if user.name == LOCAL.name else share
-    rivals = Html(f'<option value="">nothing</option>{_rivals(service, user)}')
+    offered = _offered(service, user, job, design)
+    rivals = Html(f'<option value="">nothing</option>{_rivals(offered)}')
     return page(
         "FSM editor",
         f"""<form class="fields" id="setting" data-user="{escaped(user.name)}">
-<div><label for="mission">Mission</label><select id="mission">{_missions(service, user, _FIRST)}</select></div>
+<div><label for="mission">Mission</label><select id="mission">{_missions(offered, _FIRST)}</select></div>
 <div><label for="flavour">Flavour</label><select id="flavour">{flavours}</select></div>
 <div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>
 <div><label for="start">Start from</label><select id="start"></select></div>
@@ -77,12 +83,13 @@ Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transition
 @router.get("/compare")
 def compare(service: TheService, user: TheUser) -> HTMLResponse:
     """Compare designs: `?job=ID&job=ID&design=ID&fsm=TEXT`, in any order and number up to six."""
+    offered = _offered(service, user)
     return page(
         "Compare designs",
         f"""<p>Two to {MAX_FSMS} designs run on the same fresh instances of one mission.</p>
 <form class="fields" id="adding">
 <div><label for="design">Winner or saved design</label><select id="design"><option value="">choose …</option>
-{_rivals(service, user)}</select></div>
+{_rivals(offered)}</select></div>
 <div><label for="pasted">An FSM as text</label>
 <input id="pasted" spellcheck="false" placeholder="--nstates 1 --s0 …"></div>
 <div><button id="add">Add</button></div>
@@ -90,7 +97,7 @@ def compare(service: TheService, user: TheUser) -> HTMLResponse:
 <ol id="chosen" class="chosen" data-most="{MAX_FSMS}"></ol>
 <form id="running" class="actions run">
 <div><label for="mission">Mission</label><select id="mission"><option value="">of the first design</option>
-{_missions(service, user)}</select></div>
+{_missions(offered)}</select></div>
 {_instances(service)}
 <button class="main" id="run">Compare</button><span id="progress" class="faint" role="status"></span>
 </form>
@@ -112,10 +119,30 @@ def _instances(service: Service) -> Html:
     )
 
 
-def _missions(service: Service, user: User, chosen: str = "") -> Html:
+class _Offered(NamedTuple):
+    """The jobs and designs that lists offer to a user."""
+
+    jobs: list[Row]
+    designs: list[Design]
+
+
+def _offered(service: Service, user: User, job: str = "", design: str = "") -> _Offered:
+    """The newest jobs and designs that a user may see; and a job and a design that the user has asked for."""
+    jobs, _ = service.index.find(user.viewer, limit=_MOST)
+    designs = service.designs.find(user.viewer)[:_MOST]
+    with contextlib.suppress(Missing):
+        if job and job not in {one.id for one in jobs}:
+            jobs.append(visible_job(service, user, job))
+    with contextlib.suppress(Missing):
+        if design and design not in {one.id for one in designs}:
+            designs.append(visible_design(service, user, design))
+    return _Offered(jobs, designs)
+
+
+def _missions(offered: _Offered, chosen: str = "") -> Html:
     """Options: the missions that a user may use, as `kind:name`."""
-    own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in _jobs(service, user)]
-    saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in _designs(service, user)]
+    own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in offered.jobs]
+    saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in offered.designs]
     return Html(
         _group("Shipped missions", [(f"mission:{name}", name) for name in shipped.missions()], chosen)
         + _group("Missions of jobs", own)
@@ -123,25 +150,16 @@ def _missions(service: Service, user: User, chosen: str = "") -> Html:
     )
 
 
-def _rivals(service: Service, user: User) -> Html:
+def _rivals(offered: _Offered) -> Html:
     """Options: winners of jobs, and saved designs, as `kind:id`."""
     jobs = [
         (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'succeeded' else 'best so far'} of {one.id}")
-        for one in _jobs(service, user)
+        for one in offered.jobs
         if one.best is not None
     ]
-    saved = [(f"design:{one.id}", f"{one.mission}: {one.name} by {one.owner}") for one in _designs(service, user)]
+    saved = [(f"design:{one.id}", f"{one.mission}: {one.name} by {one.owner}") for one in offered.designs]
     return Html(_group("Jobs", jobs) + _group("Designs", saved))
 
 
 def _group(name: str, of: list[tuple[str, str]], chosen: str = "") -> str:
     return f'<optgroup label="{name}">{options(of, chosen)}</optgroup>' if of else ""
-
-
-def _jobs(service: Service, user: User) -> list[Row]:
-    rows, _ = service.index.find(user.viewer, limit=_MOST)
-    return rows
-
-
-def _designs(service: Service, user: User) -> list[Design]:
-    return service.designs.find(user.viewer)[:_MOST]

@@ -374,6 +374,24 @@ def test_time_limit(furnished):
     assert not house.processes[job].is_interrupted
 
 
+def test_the_time_limit_survives_a_crash(furnished):
+    house = furnished(limits=Limits(hours=1))
+    job = house.submit()
+    house.tick()
+    for _ in range(35):
+        house.tick(100)
+    assert house.row(job).seconds == 3500.0
+    assert house.store.read(job).seconds == 3500.0
+    house.crash()
+    house.tick()
+    house.tick(50)
+    assert not house.processes[job].is_interrupted
+    house.tick(100)
+    assert house.processes[job].is_interrupted
+    house.end(job, 75)
+    assert house.state(job) == "failed"
+
+
 def test_fair_share_between_users(furnished):
     house = furnished(races=1)
     ann = [house.submit("ann") for _ in range(3)]

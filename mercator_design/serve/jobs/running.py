@@ -33,6 +33,7 @@ class Running:
     """A race that a process of ours runs.
 
     output: The file of its messages.
+    started: From when on its time is not yet in the job's file.
     budget: With which the process was started; the job's may have been extended since.
     """
 

@@ -33,6 +33,8 @@ _PERIOD = 0.25
 """Seconds between two looks at the processes."""
 _READ = 1.0
 """Seconds between two looks at the journal of a race, for its row."""
+_KEEP = 60.0
+"""Seconds of a race after which its job's file is written again: after a crash, the time limit knows of the others."""
 _GRACE = 30.0
 """Seconds after which a process that was asked to stop is killed."""
 _RETRY = 5.0
@@ -256,6 +258,8 @@ class Supervisor:
             left=run.left(clock),
             message=run.message,
         )
+        if clock - run.started >= _KEEP:
+            run.job, run.started = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
 
     def _end(self, run: Running, code: int) -> None:
         """Note the end of a process."""

@@ -12,7 +12,8 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.text import to_text
-from mercator_design.serve.desk.machines import Machines, replays
+from mercator_design.serve.desk.desk import Busy
+from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.settings import Limits
 from mercator_design.sim.simulate import Simulator
@@ -255,6 +256,23 @@ class TestEvaluate:
         whole = evaluate(client, fsms=[{"fsm": FSM}, {"fsm": STOP}], runs=4).json()
         monkeypatch.setattr("mercator_design.serve.http.machines.fsms._PART", 0.0)
         assert evaluate(client, fsms=[{"fsm": FSM}, {"fsm": STOP}], runs=4).json() == whole
+
+    def test_one_that_has_begun_waits_for_a_helper(self, client, service, monkeypatch):
+        run, asked = service.desk.run, []
+
+        def sometimes_busy(function, *arguments):
+            asked.append(function)
+            if asked in ([run_part] * 2, [*[run_part] * 3, compared]):
+                raise Busy("the service is busy")
+            if function is run_part:
+                arguments = (*arguments[:-1], 0.0)  # one experiment at a time
+            return run(function, *arguments)
+
+        monkeypatch.setattr(service.desk, "run", sometimes_busy)
+        assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 200
+        assert asked == [run_part, run_part, run_part, compared, compared]
+        asked[:] = [run_part]  # the next one is refused
+        assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 503
 
     def test_what_takes_too_long_is_refused(self, client, monkeypatch):
         monkeypatch.setattr("mercator_design.serve.http.machines.fsms._PART", 0.0)

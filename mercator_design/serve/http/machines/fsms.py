@@ -1,12 +1,15 @@
 """Routes on FSMs: their modules, checks, evaluations, replays; and the winner of a job."""
 
-from typing import Annotated, Any
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 
 from mercator_design.api import fresh_instances
-from mercator_design.serve.desk.desk import TooMuchWork
+from mercator_design.serve.desk.desk import Busy, TooMuchWork
 from mercator_design.serve.desk.machines import Machines, best_of, checked, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
@@ -31,6 +34,10 @@ _PART = 0.05
 """Of the time limit of the helpers: after so much, an evaluation lets other work in between."""
 _WHOLE = 10.0
 """Of the same: a longer evaluation is refused."""
+_PAUSE = 1.0
+"""Seconds after which an evaluation asks again for a helper."""
+
+T = TypeVar("T")
 
 
 @router.get("/modules")
@@ -56,16 +63,34 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     machines = machines_given(service, user, body.mission, body.fsms)
     seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
-        if await request.is_disconnected():
-            raise NotPossible("nobody waits for this any more")
-        part, taken = await run_in_threadpool(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
+        work = partial(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
+        part, taken = await _done(request, work, has_begun=bool(scores))
         scores, spent = [*scores, *part], spent + taken
         if (expected := spent * total / len(scores)) > _WHOLE * seconds:
             raise TooMuchWork(
                 f"{total} experiments would take about {expected:.0f} s; the service allows {_WHOLE * seconds:.0f} s: "
                 "ask for fewer runs"
             )
-    return EvaluationAnswer(**await run_in_threadpool(service.desk.run, compared, machines, seeds, body.seed, scores))
+    last = partial(service.desk.run, compared, machines, seeds, body.seed, scores)
+    return EvaluationAnswer(**await _done(request, last, has_begun=True))
+
+
+async def _done(request: Request, work: Callable[[], T], *, has_begun: bool) -> T:
+    """The result of a part of an evaluation; one that has begun waits for a helper as long as its client waits for it.
+
+    Raises:
+        NotPossible: Nobody waits for it.
+        MercatorError: What the work raises.
+    """
+    while True:
+        if await request.is_disconnected():
+            raise NotPossible("nobody waits for this any more")
+        try:
+            return await run_in_threadpool(work)
+        except Busy:
+            if not has_begun:
+                raise
+        await asyncio.sleep(_PAUSE)
 
 
 @router.post("/fsms/replay")

@@ -226,6 +226,21 @@ def test_three_deaths_without_progress(house):
     assert len(house.started) == 5
 
 
+def test_kills_by_the_service_do_not_count(house):
+    job = house.submit()
+    for _ in range(2):
+        house.tick()
+        house.jobs.pause(job)
+        house.tick()
+        house.tick(31)
+        assert house.processes[job].is_killed
+        house.tick()
+        house.jobs.resume(job)
+    house.tick()
+    house.end(job, -9)
+    assert house.state(job) in ("queued", "running")
+
+
 def test_deaths_with_progress_do_not_count(house):
     job = house.submit()
     for k in range(5):

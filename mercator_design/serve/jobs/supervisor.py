@@ -268,7 +268,8 @@ class Supervisor:
         run.status = RaceStatus(run.status.folder)
         run.read_on()
         is_finished = run.status.is_finished(job.request.budget)
-        deaths = self._deaths_of(run) if code < 0 else (0, -1)
+        has_died = code < 0 and not run.stopped_for  # else this service has killed it
+        deaths = self._deaths_of(run) if has_died else (0, -1)
         held = "" if is_finished else run.wait(code, self.shortage)
         failure = "" if is_finished or held else run.failure(code, deaths[0], self._settings.limits.hours)
         ended = now() if is_finished or failure or job.wish == "cancel" else ""
@@ -284,7 +285,7 @@ class Supervisor:
         self._deaths.pop(identity, None)
         if held:
             self._held[identity] = held, self._clock() + _RETRY
-        elif code < 0 and not failure:
+        elif has_died and not failure:
             self._deaths[identity] = deaths
         row = self.refresh(identity)
         _log.info("job %s: %s (its process ended with code %d)", identity, row.state if row else "gone", code)

@@ -323,6 +323,31 @@ def test_disk_full_and_space_again(furnished):
     assert house.started == [running, running]
 
 
+def test_races_are_looked_after_when_the_free_space_cannot_be_read(tmp_path, raced, caplog):
+    class Unreadable(House):
+        is_readable = True
+
+        @property
+        def free(self):
+            if not self.is_readable:
+                raise OSError(errno.EIO, "Input/output error")
+            return 10**12
+
+        @free.setter
+        def free(self, _):
+            pass
+
+    house = Unreadable(tmp_path / "data", raced)
+    job, other = house.submit(), house.submit()
+    house.tick()
+    house.is_readable = False
+    house.finish(job)
+    assert house.state(job) == "succeeded"
+    assert house.started == [job, other]
+    assert sum("Input/output error" in message for message in caplog.messages) == 1
+    house.index.close()
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_a_race_that_finds_the_disk_full_waits(house, number):
     job = house.submit()

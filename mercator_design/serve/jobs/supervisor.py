@@ -216,9 +216,9 @@ class Supervisor:
                 self._look_at_others()
 
     def _note_space(self) -> None:
-        before, self._is_short = self._is_short, self._free() < self._settings.limits.free_disk * _MB
-        if before != self._is_short:
-            with self._going_on("*"):
+        with self._going_on("free space"):
+            before, self._is_short = self._is_short, self._free() < self._settings.limits.free_disk * _MB
+            if before != self._is_short:
                 self._index.tell_queued(self.shortage)
 
     def _look_at(self, run: Running) -> None:

@@ -130,9 +130,12 @@ def test_nobody_waits_for_a_computation(place):
 
 def test_an_error_is_kept_until_the_folder_changes(place, clock):
     place.desk.errors.append(RaceError("damaged"))
-    for _ in range(3):
-        with pytest.raises(RaceError, match="damaged"):
+    lengths = []
+    for _ in range(5):
+        with pytest.raises(RaceError, match="damaged") as found:
             place.kept.get(part, place.folder)
+        lengths.append(len(found.traceback))
+    assert lengths[1:] == lengths[1:2] * 4  # they do not grow
     assert place.desk.n == 1
     grow(place)
     clock.seconds += 3

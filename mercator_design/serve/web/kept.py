@@ -4,6 +4,7 @@ import threading
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -72,7 +73,7 @@ class Kept:
         is_same = entry.state == state
         if is_same or (entry.state is not None and entry.state.turns == state.turns and self._clock() < entry.again):
             if entry.problem is not None:
-                raise entry.problem
+                raise copy(entry.problem)  # each raising adds to the traceback of an error
             return entry.part, is_same
         if not entry.lock.acquire(blocking=False):
             return entry.part, False
@@ -92,7 +93,7 @@ class Kept:
             entry.state = state
             entry.again = self._clock() + min(_LONGEST, max(_PERIOD, (self._clock() - begin) / _SHARE))
             if entry.problem is not None:
-                raise entry.problem
+                raise copy(entry.problem)
             return entry.part, True
         finally:
             with self._lock:

@@ -171,6 +171,9 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
+    def collect_garbage(self):
+        self._call("HeapProfiler.collectGarbage")
+
     def _call(self, method, **parameters):
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}

@@ -11,6 +11,7 @@ from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.page import ReplayPage
+from tests.processes import wait_until
 from tests.view.browser import CHROMIUM
 
 pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
@@ -180,6 +181,19 @@ def test_neighbours_are_shown(opened, shown):
     before = opened.evaluate(f"player.seek({cycle}); player.draw(); {PICTURE}")
     after = opened.evaluate((PRESS % '["n"]') + PICTURE)
     assert before != after
+
+
+def test_a_player_whose_element_has_gone_is_freed(opened):
+    opened.evaluate(
+        """(async () => {
+          const element = document.body.appendChild(document.createElement("div"));
+          const sources = JSON.parse(document.getElementById("replays").textContent);
+          window.gone = new WeakRef(await MercatorReplay.mount(element, sources));
+          await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+          element.remove();
+        })()"""
+    )
+    wait_until(lambda: opened.collect_garbage() or opened.evaluate("gone.deref() === undefined"))
 
 
 def test_space_on_a_button_presses_it_only(opened):

@@ -807,8 +807,20 @@ const MercatorReplay = (() => {
       root.replaceChildren(make("div", { class: "mr-scenes" }, ...this.scenes.map((scene) => scene.element)), this.controls());
       keyboard.addEventListener("keydown", (event) => this.key(event));
       new ResizeObserver(() => this.redraw()).observe(root);
-      matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+      this.followScheme();
       this.redraw();
+    }
+
+    /** Redraw when the page becomes dark or light. The media query outlives the player, and so must not keep it. */
+    followScheme() {
+      const dark = matchMedia("(prefers-color-scheme: dark)");
+      const weak = new WeakRef(this);
+      const redraw = () => {
+        const player = weak.deref();
+        if (player) player.redraw();
+        else dark.removeEventListener("change", redraw);
+      };
+      dark.addEventListener("change", redraw);
     }
 
     controls() {

@@ -196,6 +196,18 @@ def test_a_player_whose_element_has_gone_is_freed(opened):
     wait_until(lambda: opened.collect_garbage() or opened.evaluate("gone.deref() === undefined"))
 
 
+def test_escape_is_left_to_others_when_no_robot_is_chosen(opened):
+    pressed = """(() => {
+      const event = new KeyboardEvent("keydown", { key: "Escape", bubbles: true, cancelable: true });
+      player.toggles.trails.dispatchEvent(event);
+      return [event.defaultPrevented, player.options.robot];
+    })()"""
+    assert opened.evaluate(pressed) == [False, None]
+    opened.evaluate(PRESS % '["]"]')
+    assert opened.evaluate("player.options.robot") == 0
+    assert opened.evaluate(pressed) == [True, None]
+
+
 def test_space_on_a_button_presses_it_only(opened):
     pressed = 'new KeyboardEvent("keydown", { key: " ", bubbles: true })'
     opened.evaluate(f"player.toggles.trails.dispatchEvent({pressed})")

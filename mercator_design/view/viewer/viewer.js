@@ -884,7 +884,7 @@ const MercatorReplay = (() => {
         0: () => this.resetView(),
         "[": () => this.next(-1),
         "]": () => this.next(1),
-        Escape: () => this.choose(null),
+        Escape: this.options.robot !== null && (() => this.choose(null)), // else for the dialog around the viewer
       };
       const action = actions[event.key] || (this.keys[event.key] && (() => this.switch(this.keys[event.key])));
       if (!action) return;

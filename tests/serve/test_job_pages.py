@@ -180,13 +180,17 @@ def test_a_damaged_run_folder_is_told(quiet, ann):
     checked(ann.get(f"/jobs/{job}"))
 
 
-def test_old_run_folders_are_shown_without_actions(quiet, ann):
-    shutil.copytree(quiet.raced, quiet.service.data / "my old/run".replace("/", " "))
+@pytest.mark.parametrize("name", ["my old run", "x" * 255])
+def test_old_run_folders_are_shown_without_actions(quiet, ann, name):
+    shutil.copytree(quiet.raced, quiet.service.data / name)
     quiet.service.supervisor.reconcile()
-    text = checked(ann.get("/jobs/my%20old%20run"))
+    name = name.replace(" ", "%20")
+    text = checked(ann.get(f"/jobs/{name}"))
     assert "data-do=" not in text
     assert "A run folder in the data folder" in text
-    assert 'href="/api/v1/jobs/my%20old%20run/files/fsm.txt"' in text
+    assert f'href="/api/v1/jobs/{name}/files/fsm.txt"' in text
+    assert ann.get(f"/api/v1/jobs/{name}/files/fsm.txt").status_code == 200
+    assert ann.get(f"/new?from={name}").status_code == 200
 
 
 FOREIGN = """

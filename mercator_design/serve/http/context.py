@@ -6,6 +6,7 @@ from fastapi import Depends, Path, Request
 
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.http.problems import Missing, NotAllowed
+from mercator_design.serve.http.schemas import MAX_ID
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.service import Service
 
@@ -33,7 +34,9 @@ def may_change(user: User, row: Row) -> bool:
     return row.is_job and user.owns(row.owner)
 
 
-def visible_job(service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=200)]) -> Row:
+def visible_job(
+    service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=MAX_ID)]
+) -> Row:
     """A job that the user may see.
 
     Raises:

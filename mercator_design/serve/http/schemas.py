@@ -12,6 +12,8 @@ from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_SEED, M
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""
+MAX_ID = 255
+"""Characters of an id: that of a run folder that is of no job is the folder's name."""
 
 if TYPE_CHECKING:
     Flavour: TypeAlias = str
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     Order: TypeAlias = str
 else:  # the words of this package's tables
     Flavour, Method, Order = Literal[FLAVOURS], Literal[tuple(METHODS)], Literal[ORDERS]
-Identity = Annotated[str, Field(max_length=200)]
+Identity = Annotated[str, Field(max_length=MAX_ID)]
 MissionText = Annotated[str, Field(max_length=MAX_TEXT)]
 Override = Annotated[str, Field(max_length=2000)]
 

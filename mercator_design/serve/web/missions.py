@@ -15,6 +15,7 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
+from mercator_design.serve.http.schemas import MAX_ID
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, Request
 from mercator_design.serve.service import Service
@@ -45,7 +46,7 @@ def new(
     service: TheService,
     user: TheUser,
     mission: Annotated[str, Query(max_length=200)] = "",
-    job: Annotated[str, Query(alias="from", max_length=200)] = "",
+    job: Annotated[str, Query(alias="from", max_length=MAX_ID)] = "",
 ) -> HTMLResponse:
     """A new job: from a shipped mission, or from the mission of another job."""
     request, name, problem = Request(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, ""

@@ -39,6 +39,24 @@ objective: {name: robots_in_zone, zones: [nest, cache], direction: maximise}
 pytestmark = pytest.mark.together
 
 
+THIN = """
+schema: 1
+robots: 1
+duration: 10
+arena: {walls: {shape: polygon, vertices: VERTICES}}
+floor: {background: white, zones: [{name: nest, shape: disc, center: [0, 0], radius: 0.2, color: black}]}
+placement: {shape: disc, radius: 0.1}
+objective: {name: robots_in_zone, zones: [nest], direction: maximise}
+"""
+
+
+@pytest.mark.parametrize(("x", "y"), [(900, 0.3), (0.3, 900)])
+def test_a_thin_arena(x, y, tmp_path):
+    vertices = str([[-x, -y], [x, -y], [x, y], [-x, y]])
+    simulator = Simulator(parse_mission(THIN.replace("VERTICES", vertices), name="thin"))
+    save_preview(tmp_path / "thin.png", simulator, seed=1)
+
+
 @pytest.fixture(scope="module")
 def labyrinth():
     return Simulator(parse_mission(LABYRINTH, name="labyrinth"))

@@ -72,11 +72,14 @@ def placed(outline: Floats, poses: Floats) -> Floats:
 
 
 def arena_grid(mission: Mission, along: int) -> Floats:
-    """The centres (rows, columns, 2) of square cells that cover the arena, `along` its longer side, the first at +y."""
+    """The centres (rows, columns, 2) of square cells that cover the arena, `along` its longer side, the first at +y.
+
+    There are at least two rows and columns of pixels, also in a thin arena.
+    """
     corners = mission.arena.corners()
     low, high = corners.min(axis=0), corners.max(axis=0)
     cell = float((high - low).max()) / along
-    columns, rows = (max(1, math.ceil(length / cell - 1e-9)) for length in high - low)
+    columns, rows = (max(2 * _FINER, math.ceil(length / cell - 1e-9)) for length in high - low)
     x, y = low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)
     return np.stack(np.meshgrid(x, y), axis=-1)
 
@@ -84,7 +87,7 @@ def arena_grid(mission: Mission, along: int) -> Floats:
 def _bounds(grid: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a grid's cells."""
     (left, top), (right, bottom) = grid[0, 0], grid[-1, -1]
-    half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0]) if grid.shape[1] > 1 else 0.5 * (top - grid[1, 0, 1])
+    half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0])
     return left - half, right + half, bottom - half, top + half
 
 

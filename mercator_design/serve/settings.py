@@ -45,7 +45,7 @@ class Settings:
     jobs: Annotated[int, Range(0)] = 0  # experiments of a race at the same time; 0: all cores, shared by the races
     helpers: Annotated[int, Range(1, 64)] = 3  # processes for short work; a user has at most all but one
     helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
-    helper_memory: Annotated[int, Range(300)] = 2000  # of a helper, above which such work is refused [MB]
+    helper_memory: Annotated[int, Range(600)] = 2000  # of a helper, above which such work is refused [MB]
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
     plugins: tuple[
         Annotated[str, FilePath()], ...

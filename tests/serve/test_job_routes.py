@@ -196,6 +196,14 @@ def test_faults_are_told_without_their_details(ann, quiet, monkeypatch):
     assert (answer.status_code, answer.json()["title"]) == (500, "Internal error")
 
 
+def test_a_damaged_file_is_told_without_its_path(ann, quiet):
+    job = quiet.submit()
+    (quiet.service.store.folder(job) / "job.json").write_text("{")
+    answer = ann.get(f"{JOBS}/{job}/mission")
+    assert answer.status_code == 500
+    assert answer.json()["errors"] == ["the service has made a mistake; its log says which"]
+
+
 def test_old_run_folders_can_be_looked_at_by_all(ann, quiet):
     shutil.copytree(quiet.raced, quiet.service.data / "old run #1")
     quiet.service.supervisor.reconcile()

@@ -47,6 +47,8 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
     ServiceError: (500, "Internal error"),
     MercatorError: (422, "Not valid"),
 }
+_OUR_FAULT = "the service has made a mistake; its log says which"
+"""What users are told: the rest may name folders of the server."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"model": Problem, "content": {"application/problem+json": {}}}
     for status in (400, 401, 403, 404, 405, 409, 413, 422, 429, 503, 507)
@@ -77,6 +79,7 @@ def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
             messages = error.messages
             if status == 500:
                 _log.error("%s", error)
+                messages = [_OUR_FAULT]
             elif status in (429, 503):
                 headers["Retry-After"] = "5"
         case RequestValidationError():
@@ -97,6 +100,5 @@ def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
                 status, title = 500, "Internal error"
                 messages = ["the service cannot read or write its files"]
         case _:  # a fault of this program, which the server logs
-            status, title = 500, "Internal error"
-            messages = ["the service has made a mistake; its log says which"]
+            status, title, messages = 500, "Internal error", [_OUR_FAULT]
     return Problem(title=title, status=status, errors=[printable(one) for one in messages]), headers

@@ -1,9 +1,9 @@
 """The application: all routes, behind the guard."""
 
 import re
+from typing import Any
 
 from fastapi import Depends, FastAPI
-from fastapi.responses import StreamingResponse
 from fastapi.routing import iter_route_contexts
 from fastapi.security import HTTPBearer
 from starlette.routing import compile_path
@@ -81,7 +81,7 @@ def openings(app: FastAPI) -> Openings:
     streams = [
         compile_path(route.path)[0]
         for route in iter_route_contexts(app.routes)
-        if route.path is not None and _is_stream(getattr(route, "response_class", None))
+        if route.path is not None and _is_stream(getattr(route, "responses", None))
     ]
     loaded = re.findall(r'(?:src|href)="(/assets/[\w.-]+)', bytes(login.login_page("/").body).decode())
     return Openings(
@@ -91,5 +91,6 @@ def openings(app: FastAPI) -> Openings:
     )
 
 
-def _is_stream(response: object) -> bool:
-    return isinstance(response, type) and issubclass(response, StreamingResponse)
+def _is_stream(responses: dict[int | str, dict[str, Any]] | None) -> bool:
+    """Whether a route says of itself that it answers with events."""
+    return "text/event-stream" in (responses or {}).get(200, {}).get("content", {})

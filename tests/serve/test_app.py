@@ -1,8 +1,16 @@
+from mercator_design.serve.app import application, openings
 from mercator_design.serve.desk.desk import ASKED_BY
 
 
 def test_the_list_of_jobs_is_empty_at_first(client):
     assert client.get("/api/v1/jobs").json() == {"jobs": [], "total": 0}
+
+
+def test_events_alone_are_event_streams(service):
+    is_stream = openings(application(service)).is_stream
+    assert is_stream("/api/v1/jobs/x/events")
+    for path in ("/api/v1/jobs/x/files/fsm.txt", "/api/v1/jobs/x/files/events", "/api/v1/jobs", "/jobs/x"):
+        assert not is_stream(path), path
 
 
 def test_the_desk_knows_who_asks_for_work(service, client, monkeypatch):

@@ -163,6 +163,21 @@ def test_changes_of_the_job_are_told_between(quiet, at_once):
     assert asyncio.run(run()) == ["queued", "paused", "cancelled"]
 
 
+def test_each_change_is_told_but_the_progress(quiet, at_once):
+    job = quiet.submit()
+
+    async def run():
+        async with aclosing(stream(quiet, job)) as one:
+            await some(one, bool)
+            quiet.service.index.change(job, experiments=5, seconds=3.0, left=9.0)
+            quiet.service.jobs.change(job, priority=7)
+            priorities = [(await some(one, bool))[0][1]["priority"]]
+            quiet.service.index.change(job, tested=0.5, experiments=6)
+            return [*priorities, (await some(one, bool))[0][1]["tested"]]
+
+    assert asyncio.run(run()) == [7, 0.5]
+
+
 @pytest.mark.parametrize("what", ["deleted", "not shared", "damaged"])
 def test_it_ends_when_the_job_is_gone(quiet, at_once, what):
     job = quiet.submit()

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import time
 from collections.abc import AsyncIterator, Iterable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated
 
@@ -63,7 +64,7 @@ async def follow(
 
     The events are those of its journal, as `mdesign race --json-lines` prints them; the id of each is its place in the
     journal, so a client that comes back with Last-Event-ID misses none. Between them come events of the kind `state`,
-    with the job, at the beginning and after each change.
+    with the job, at the beginning and after each change but that of its experiments and of its time.
     """
     return EventSourceResponse(_stream(service, user, row.id, place), headers=_HEADERS)
 
@@ -83,7 +84,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         except ValueError as error:  # damaged; who comes back is told so
             _log.warning("job %s: its journal: %s", identity, error)
             return
-        if (told := (now.state, now.message, now.budget, now.best, now.shared)) != shown:
+        if (told := replace(now, experiments=0, seconds=0.0, left=None)) != shown:
             shown = told
             state = JournalEvent(place, b"state", Job.of(now).model_dump_json().encode())
             yield _text([state])

@@ -139,6 +139,7 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     runs = json.loads(html.unescape(re.search('data-runs="([^"]+)"', parts.text)[1]))
     assert [one["label"].split(":")[0] for one in runs] == ["median", "best", "worst"]
     for one in runs:
+        assert isinstance(one["seed"], int)
         (replay,) = ann.get(f"/api/v1/jobs/{job}/replay?seed={one['seed']}").json()
         assert replay["header"]["score"] == one["score"]
     for path in ("", "/now", "/race", "/about", "/files", "/messages"):

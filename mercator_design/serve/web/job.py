@@ -136,12 +136,10 @@ def _part(
 
 
 def _best_runs(part: Part) -> str:
-    """The best and its runs, as attributes, for the replays; numbers of instances are too large for JavaScript."""
+    """The best and its runs, as attributes, for the replays."""
     if part.best is None:
         return ""
-    runs = [
-        {"label": f"{run.name}: {number(run.score)}", "seed": str(run.seed), "score": run.score} for run in part.runs
-    ]
+    runs = [{"label": f"{run.name}: {number(run.score)}", "seed": run.seed, "score": run.score} for run in part.runs]
     return f' data-best="{part.best}" data-runs="{escaped(json.dumps(runs))}"'
 
 

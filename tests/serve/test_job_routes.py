@@ -170,6 +170,11 @@ def test_a_journal_that_grows_is_sent_to_a_whole_line(ann, quiet):
         thread.join()
 
 
+@pytest.mark.parametrize(("seed", "status"), [(2**53 - 1, 201), (2**53, 422)])
+def test_seeds_are_those_that_pages_have_exactly(ann, seed, status):
+    assert ann.post(JOBS, json={"mission": "aggregation", "budget": BUDGET, "seed": seed}).status_code == status
+
+
 def test_a_full_disk_is_no_fault(ann, quiet, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")

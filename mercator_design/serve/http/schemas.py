@@ -8,10 +8,12 @@ from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.index import ORDERS, Row
-from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_SEED, MAX_TESTS, Request, State
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Request, State
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""
+MAX_SEED = 2**53 - 1
+"""The largest seed of a request: pages send it again, and JavaScript rounds larger numbers."""
 MAX_ID = 255
 """Characters of an id: that of a run folder that is of no job is the folder's name."""
 

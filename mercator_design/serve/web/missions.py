@@ -15,7 +15,7 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
-from mercator_design.serve.http.schemas import MAX_ID
+from mercator_design.serve.http.schemas import MAX_ID, MAX_SEED
 from mercator_design.serve.jobs.index import Row
 from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, Request
 from mercator_design.serve.service import Service
@@ -131,7 +131,7 @@ def _settings(limit: int, request: Request) -> Html:
     fields = (
         _choice("method", "Method", METHODS, request.method),
         _choice("flavour", "Flavour of modules", FLAVOURS, request.flavour),
-        _number("seed", "Seed", request.seed, 0, 2**53 - 1),
+        _number("seed", "Seed", request.seed, 0, MAX_SEED),
         _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, MAX_TESTS),
         _number("priority", "Priority among your jobs", request.priority, -MAX_PRIORITY, MAX_PRIORITY),
     )

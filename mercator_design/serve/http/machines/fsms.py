@@ -24,8 +24,7 @@ from mercator_design.serve.http.machines.schemas import (
     Winner,
 )
 from mercator_design.serve.http.problems import RESPONSES
-from mercator_design.serve.http.schemas import Flavour
-from mercator_design.serve.jobs.job import MAX_SEED
+from mercator_design.serve.http.schemas import MAX_SEED, Flavour
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)

@@ -11,8 +11,7 @@ from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS
 from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
-from mercator_design.serve.http.schemas import Body, Flavour, Identity, MissionGiven, one_of
-from mercator_design.serve.jobs.job import MAX_SEED
+from mercator_design.serve.http.schemas import MAX_SEED, Body, Flavour, Identity, MissionGiven, one_of
 
 MAX_FSMS = 6
 _MAX_FSM = 65_536  # characters, as of a file

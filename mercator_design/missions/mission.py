@@ -174,7 +174,11 @@ class Mission(FromFile):
 
     @property
     def digest(self) -> str:
-        """Equal for equal missions, wherever their files are; contents of files count, except the robot model's."""
+        """Equal for equal missions, wherever their files are; contents of files count, except the robot model's.
+
+        The order of the colours of tiles counts, too: what an instance draws depends on it. Missions that differ
+        in it are equal to Python (==), but have other floors.
+        """
         image = self.floor.image.digest if self.floor.image else ""
         return digest_of(self.with_files(robot_model="", image=image, named=lambda file: file.digest))
 

@@ -6,6 +6,7 @@ import shutil
 import pytest
 from starlette.testclient import TestClient
 
+from mercator_design.race.running.journal import now
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.app import application
 from mercator_design.serve.jobs.job import Request
@@ -43,6 +44,8 @@ class Still:
             journal = self.folder(job) / "journal.jsonl"
             journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:lines]))
             (self.folder(job) / "fsm.txt").unlink()
+        elif job not in self.processes:
+            self.service.store.update(job, ended=now())
         self.service.supervisor.refresh(job)
 
     def append(self, job, lines):

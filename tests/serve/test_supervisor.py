@@ -140,6 +140,41 @@ def test_changes_of_a_job_do_not_read_its_journal(house, monkeypatch):
         assert extended == replace(ended, shared=True, state="queued", budget=2 * BUDGET, ended="")
 
 
+@pytest.mark.parametrize("by", ["pause", "kill", "crash"])
+def test_a_report_that_was_interrupted_is_written_later(house, by):
+    """The race has ended, and its process has not."""
+    job = house.submit()
+    house.tick()
+    house.race(job)
+    if by == "crash":
+        house.crash()
+    elif by == "kill":
+        house.end(job, -9)
+    else:
+        house.jobs.pause(job)
+        house.tick()
+        house.end(job, 75)
+        assert house.state(job) == "paused"
+        house.jobs.resume(job)
+    house.tick()
+    assert house.started == [job, job]
+    assert not house.row(job).ended
+    house.end(job, 0)
+    assert house.state(job) == "succeeded"
+    assert house.row(job).ended
+
+
+def test_a_report_that_takes_too_long_fails_its_job(furnished):
+    house = furnished(limits=Limits(hours=1))
+    job = house.submit()
+    house.tick()
+    house.race(job)
+    house.tick(3700)
+    house.end(job, 75)
+    row = house.row(job)
+    assert (row.state, row.message[:16]) == ("failed", "it has run for 1")
+
+
 def test_extend_after_the_end(house):
     job = house.submit()
     house.tick()
@@ -375,7 +410,7 @@ def test_the_end_of_a_race_is_noted_when_there_is_space(house, monkeypatch):
         patch.setattr("mercator_design.serve.records.write_text", full)
         house.race(first)
         for _ in range(5):
-            house.end(first, -9)
+            house.end(first, 0)
         house.race(second, lines=30)
         house.tick()
         assert house.row(second).experiments > 0

@@ -57,13 +57,14 @@ def state_of(job: Job, *, is_finished: bool, is_running: bool) -> State:
 
     Args:
         job: The job.
-        is_finished: Whether its race has a winner under the requested budget.
+        is_finished: Whether its race has a winner under the requested budget. The process goes on with the report, and
+            the job has not ended before that.
         is_running: Whether a process runs its race.
     """
     if is_running:
         return "running"
-    if is_finished:
-        return "succeeded"
     if job.failure:
         return "failed"
+    if is_finished and job.ended:
+        return "succeeded"
     return {"run": "queued", "pause": "paused", "cancel": "cancelled"}[job.wish]  # type: ignore[return-value]

@@ -90,6 +90,10 @@ class Running:
             return NO_SPACE
         return ""
 
+    def is_interrupted(self, code: int) -> bool:
+        """Whether the process has ended with something left to do, with this exit code: the race, or its report."""
+        return code != 0 and (bool(self.stopped_for) or code < 0 or code in _INTERRUPTED)
+
     def failure(self, code: int, deaths: int, hours: float) -> str:
         """Why its job fails, when the process has ended before the race; empty if it goes on.
 

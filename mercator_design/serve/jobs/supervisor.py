@@ -267,7 +267,7 @@ class Supervisor:
         job = self._job_of(run)
         run.status = RaceStatus(run.status.folder)
         run.read_on()
-        is_finished = run.status.is_finished(job.request.budget)
+        is_finished = run.status.is_finished(job.request.budget) and not run.is_interrupted(code)
         has_died = code < 0 and not run.stopped_for  # else this service has killed it
         deaths = self._deaths_of(run) if has_died else (0, -1)
         held = "" if is_finished else run.wait(code, self.shortage)

@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from mercator_design.cli.terminal import Interrupt
 from mercator_design.system.interruptions import signals_first
 
 
@@ -79,3 +80,19 @@ def test_another_thread_has_none():
     thread.start()
     thread.join()
     assert found == [signal.getsignal(signal.SIGINT)]
+
+
+def test_a_signal_that_comes_while_another_is_handled():
+    """What is called at the first one may hold a lock that it would wait for."""
+    calls = []
+
+    def then():
+        calls.append(signal.SIGTERM)
+        if len(calls) < 9:
+            os.kill(os.getpid(), signal.SIGHUP)
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    with Interrupt(then=then) as interrupt:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert interrupt.came()
+    assert calls == [signal.SIGTERM]

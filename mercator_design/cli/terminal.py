@@ -85,8 +85,9 @@ class Interrupt:
             self.check(self._stopped)
 
     def _note(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
-        self._came = number
-        self._then()
+        is_first, self._came = self._came is None, number
+        if is_first:  # another signal may come while this runs, when what it uses may be locked
+            self._then()
         if number != signal.SIGHUP:
             signal.signal(number, self._usual[signal.Signals(number)])
 

@@ -44,6 +44,13 @@ def test_equal_costs_eliminate_nothing_among_three():
     assert math.isnan(verdict.p_value)
 
 
+def test_friedman_eliminates_none_on_one_instance():
+    """At a low confidence, its p-value is significant."""
+    verdict = eliminate(np.array([[1.0, 2.0, 3.0, 4.0]]), "friedman", 0.5)
+    assert verdict.p_value < 0.5
+    assert verdict.survivors.all()
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_signed_ranks_as_scipy_s(seed):
     draws = np.random.default_rng(seed)

@@ -160,7 +160,7 @@ def _friedman(costs: Floats, alpha: float) -> Verdict:
         return Verdict(np.ones(k, dtype=bool), sums, best, math.nan)
     statistic = 12 * ((sums - n * (k + 1) / 2) ** 2).sum() / span
     p_value = float(scipy.special.chdtrc(k - 1, statistic))
-    if not p_value < alpha:
+    if n == 1 or not p_value < alpha:  # one instance leaves Conover's comparison no degrees of freedom
         return Verdict(np.ones(k, dtype=bool), sums, best, p_value)
     freedom = (n - 1) * (k - 1)
     within = max(n * (ranks * ranks).sum() - (sums * sums).sum(), 0.0)

@@ -134,6 +134,22 @@ class TestResume:
             assert len(one.notes) == 1
         assert resumed(path)[:2] == EXPECTED
 
+    def test_a_line_that_is_written_while_it_is_read_is_no_damage(self, tmp_path, complete, monkeypatch):
+        path, lines = tmp_path / "journal.jsonl", complete.splitlines(keepends=True)
+        path.write_bytes(b"".join(lines[:20])[:-30])
+
+        def from_line_late(line):
+            if not line.endswith(b"\n"):
+                path.write_bytes(b"".join(lines[:20]))
+            return from_line(line)
+
+        monkeypatch.setattr(journal, "from_line", from_line_late)
+        reading = read(path)
+        assert reading.lines == 19
+        assert reading.torn
+        reading.read_on()
+        assert (reading.lines, reading.torn) == (20, "")
+
     def test_damage_before_the_end_names_the_line_and_changes_nothing(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"
         lines = complete.splitlines(keepends=True)

@@ -76,7 +76,9 @@ class Reading:
                         data = from_line(line)
                     except ValueError as error:
                         self.torn = self.torn or f"line {number}: {error}"
-                        continue
+                        if line.endswith(b"\n"):
+                            continue
+                        break  # its process may write the rest at this moment, which would look like another line
                     if self.torn:  # this line is complete and comes after it
                         raise RaceError(f"{path}, {self.torn}; {_advice(self.lines)}")
                     try:

@@ -9,7 +9,7 @@ import pytest
 
 from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
-from mercator_design.race import Space, categorical, integer, ordered, real
+from mercator_design.race import Halving, Space, categorical, integer, ordered, real
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.executors import ProcessExecutor
 from mercator_design.race.running.journal import Journal
@@ -380,3 +380,16 @@ def test_a_budget_of_which_nothing_is_learnt_is_told(name):
     assert "a budget of 200 is little more than random search" in note
     assert METHODS[name](space, budget=201, seed=1).notes == []
     assert METHODS["random"](space, budget=200, seed=1).notes == []
+
+
+def test_an_interrupted_race_does_not_end_as_one_that_is_complete():
+    class Interrupted(Halving):
+        def _later_children(self, n, elites):
+            raise KeyboardInterrupt
+
+    race = Interrupted(MIXED, budget=300, seed=1)
+    with pytest.raises(KeyboardInterrupt):
+        run(race)
+    for _ in range(2):
+        with pytest.raises(RaceError, match="cannot continue after KeyboardInterrupt"):
+            race.ask()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mercator_design import seeds
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, described
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import Experiment, check_costs
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
@@ -194,7 +194,7 @@ class Optimizer(ABC):
         self._batch = None
 
     def _advance(self, step: Callable[[], list[Experiment] | Upcoming]) -> None:
-        """Compute the next batch, or what is upcoming. An error is raised again at each later call."""
+        """Compute the next batch, or what is upcoming. After an error, or Ctrl-C, later calls raise a RaceError."""
         if self._error is not None:
             raise self._error
         try:
@@ -202,8 +202,15 @@ class Optimizer(ABC):
             self._batch, self.upcoming = (None, found) if isinstance(found, Upcoming) else (found, None)
         except StopIteration:
             self._batch, self.upcoming = [], None
-        except RaceError as error:
-            self._batch, self._error = None, error
+        except BaseException as error:
+            self._batch = None
+            self._error = (
+                error
+                if isinstance(error, RaceError)
+                else RaceError(
+                    f"race: cannot continue after {described(error)}; run it again, or resume it from its journal"
+                )
+            )
             raise
 
     def _end_iteration(self, summary: IterationSummary, elites: Sequence[int], newcomers: Sequence[int]) -> None:

@@ -54,6 +54,6 @@ def test_what_is_refused(text, message):
 
 
 def test_what_is_written_is_read():
-    settings = {"a": 'x\\y"z\n', "b": True, "c": ("1", "x"), "d": None, "e": 0.05, "f": (2, 1e-10)}
+    settings = {"a": 'x\\y"z\n', "b": True, "c": ("1", "x"), "d": None, "e": 0.05, "f": (2, 1e-10), "g": 1 - 0.1 / 3}
     again = {one.name: one.value for one in read_assignments(to_text(settings), "s")}
     assert again == settings | {"b": 1}

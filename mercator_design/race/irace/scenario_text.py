@@ -101,6 +101,8 @@ def _literal(value: Setting) -> str:
             return f'"{value.translate(_ESCAPES)}"'
         case tuple():
             return f"c({', '.join(map(_literal, value))})"
+        case float() if not value.is_integer():
+            return repr(value)  # with all digits: a race that is resumed needs the same value
         case _:
             return number_text(value)
 

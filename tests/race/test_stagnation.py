@@ -109,6 +109,9 @@ class TestGain:
         assert is_better({0: 1.0, 1: 1.0}, {2: 2.0, 3: 2.0})  # without any variance
         assert not is_better({0: 1.0, 1: 1.0}, {2: 1.0, 3: 1.0})
         assert not is_better({0: 0.0}, {1: 9.0, 2: 8.0})  # one result tells nothing
+        for unit in (1e-82, 1e78):  # the square of its variance is no number
+            assert is_better({0: unit, 1: 1.5 * unit}, {2: 9 * unit, 3: 8 * unit})
+            assert not is_better({0: 9 * unit, 1: 8 * unit}, {2: unit, 3: 1.5 * unit})
         assert not is_better({0: 0.0, 1: 0.5}, {2: 9.0})
 
     def test_half_of_the_instances_in_common_are_enough_for_a_paired_test(self):

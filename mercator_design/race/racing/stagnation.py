@@ -52,7 +52,9 @@ def _is_lower(costs: Floats, earlier: Floats) -> bool:
     variance = sum(parts)
     if variance == 0:
         return gain > 0
-    freedom = variance**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (costs, earlier), strict=True))
+    shift = -math.frexp(variance)[1]  # a power of two changes no digit, but squares neither overflow nor underflow
+    total, *scaled = (math.ldexp(one, shift) for one in (variance, *parts))
+    freedom = total**2 / sum(part**2 / (len(one) - 1) for part, one in zip(scaled, (costs, earlier), strict=True))
     return bool(gain > scipy.special.stdtrit(freedom, 1 - _ALPHA) * math.sqrt(variance))
 
 

@@ -127,6 +127,18 @@ class TestWorkers:
         assert {k: results[k] for k in range(6) if k != 4} == {k: k for k in range(6) if k != 4}
         assert (tmp_path / "2").exists()
 
+    def test_one_that_dies_while_it_is_idle_is_replaced(self):
+        with ProcessExecutor(1) as executor:
+            found = executor.run(process_of, iter(range(3)))
+            _, worker = next(found)
+            (pool,) = executor._workers
+            os.kill(worker, signal.SIGKILL)
+            end = time.monotonic() + LIMIT
+            while pool._flags.broken is None and time.monotonic() < end:
+                time.sleep(0.01)
+            ((_, second), (_, third)) = found
+        assert second == third != worker
+
     def test_what_takes_too_long(self, tmp_path):
         """Once, which may be an accident; and again. No time passes but when something hangs."""
 

@@ -213,9 +213,10 @@ class ProcessExecutor:
         while True:
             while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
                 place = idle.pop()
+                future = self._submit(place, packed, job.item)
                 if self._timeout is not None:
                     job.deadline = self._clock() + self._timeout + START * (place in self._new)
-                running[self._workers[place].submit(call_packed, packed, job.item)] = place, job
+                running[future] = place, job
             if not running:
                 return
             soonest = min(job.deadline for _, job in running.values())
@@ -226,9 +227,7 @@ class ProcessExecutor:
                 place, job = running.pop(future)
                 result = self._timed_out(job) if future in late else _outcome(future, job)
                 if future in late or isinstance(future.exception(), BrokenExecutor):
-                    self._workers[place].shutdown(wait=True, kill_workers=True)
-                    self._workers[place] = _worker()
-                    self._new.add(place)
+                    self._replace(place)
                 else:
                     self._new.discard(place)
                 idle.append(place)
@@ -236,6 +235,21 @@ class ProcessExecutor:
                     retries.append(job)
                 else:
                     yield job.index, result
+
+    def _submit(self, place: int, packed: bytes, item: T) -> "Future[Any]":
+        future: Future[Any]
+        try:
+            future = self._workers[place].submit(call_packed, packed, item)
+        except BrokenExecutor:  # its process died while it was idle
+            self._replace(place)
+            future = self._workers[place].submit(call_packed, packed, item)
+        return future
+
+    def _replace(self, place: int) -> None:
+        """Put a new worker in the place of one that is dead or too slow."""
+        self._workers[place].shutdown(wait=True, kill_workers=True)
+        self._workers[place] = _worker()
+        self._new.add(place)
 
     def _done(self, running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
         """The futures that have ended; waits for one, but not longer than the deadline."""

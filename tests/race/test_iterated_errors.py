@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race import IteratedRace, RaceOptions, Space, categorical
+from mercator_design.race import IteratedRace, RaceOptions, Space, categorical, ordered
 from tests.race.mixed import MIXED, run
 from tests.race.spaces import machines
 
@@ -127,3 +127,15 @@ def test_a_budget_for_no_first_iteration_is_refused(options):
     race = IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(**options))
     with pytest.raises(RaceError, match="expected a budget for a first iteration, but the budget left is too small"):
         race.ask()
+
+
+def test_a_space_of_which_too_little_is_left_ends_a_race_with_a_winner():
+    """The first race rejects all but one of six configurations, late; the model of that one does not draw others."""
+    space = Space([categorical("a", [1, 2, 3]), ordered("b", [1, 2])])
+    race = IteratedRace(space, budget=300, seed=1)
+    while batch := race.ask():
+        kept = [race.configurations[e.configuration] == {"a": "1", "b": "2"} for e in batch]
+        race.tell([1.0 if is_kept or e.instance < 4 else math.inf for e, is_kept in zip(batch, kept, strict=True)])
+    assert race.configurations[race.best.configuration] == {"a": "1", "b": "2"}
+    assert race.stop_reason == "too few configurations were found that are neither forbidden nor rejected"
+    assert [one.iteration for one in race.iterations] == list(range(1, len(race.iterations) + 1))

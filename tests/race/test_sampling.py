@@ -132,8 +132,7 @@ def test_an_error_when_nothing_is_allowed():
         even_sample(space, 20, np.random.default_rng(1), space.is_forbidden, sobol_sequence)
     model = SamplingModel(space)
     model.initialise({0: {"n": 50}})
-    with pytest.raises(RaceError, match="expected 5 allowed configurations within 100 rounds, found 0"):
-        model.sample(5, [0], np.random.default_rng(1), space.is_forbidden)
+    assert model.sample(5, [0], np.random.default_rng(1), space.is_forbidden) == []
 
 
 @pytest.mark.parametrize("mean", [-3.0, -0.2, 0.0, 0.4, 1.0, 1.3, 5.0])

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.random import Generator
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import RaceError
 from mercator_design.race.candidates.sampling import truncated_normal, truncated_normal_value
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
@@ -129,27 +128,21 @@ class SamplingModel:
     def sample(
         self, n: int, ranked: Sequence[int], generator: Generator, excluded: Callable[[Configuration], bool]
     ) -> list[tuple[Configuration, int]]:
-        """New configurations, each with its parent.
+        """New configurations, each with its parent; fewer than n, perhaps none, if too many draws were excluded.
 
         Args:
             n: Number of configurations.
             ranked: The elites, best first.
             generator: Makes all random draws.
             excluded: Returns True for a configuration that must be drawn again.
-
-        Raises:
-            RaceError: Too many draws were excluded.
         """
         found: list[tuple[Configuration, int]] = []
         for _ in range(_MAX_ROUNDS):
             drawn = self.draw(n - len(found), ranked, generator)
             found += [child for child in drawn if not excluded(child[0])]
             if len(found) == n:
-                return found
-        raise RaceError(
-            f"sampling: expected {n} allowed configurations within {_MAX_ROUNDS} rounds, "
-            f"found {len(found)}; the others are forbidden or were rejected"
-        )
+                break
+        return found
 
     def draw(self, n: int, ranked: Sequence[int], generator: Generator) -> list[tuple[Configuration, int]]:
         """New configurations, each with its parent, also excluded ones."""

@@ -105,14 +105,16 @@ class IteratedRace(Optimizer):
         self._model.initialise(self.history.elite_configurations)
 
     def _run(self) -> Batches:
-        while not isinstance(planned := self._next(), str):
+        while self.stop_reason is None:
+            if isinstance(planned := self._next(), str):
+                self.stop_reason = planned
+                break
             self.iteration = planned.number
             self._planner.n_iterations = max(self._planner.n_iterations, self.iteration)
             run = self._later_race if self.elites else self._first_race
             yield from run(planned.budget, planned.n_configurations)
         if not self.iterations:
-            raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
-        self.stop_reason = planned
+            raise RaceError(f"race: expected a budget for a first iteration, but {self.stop_reason}")
         self._planner.n_iterations = self.iteration
         if self.options.elitist and self.options.postselection:
             yield from self._postselect()
@@ -165,9 +167,13 @@ class IteratedRace(Optimizer):
         if to_restart:
             self._model.restart(to_restart, n_new)
             children = self._model.sample(n_new, elites, generator, self.history.is_excluded)
+        if len(elites) + len(children) <= self._planner.survivors:
+            self.iteration = self.iterations[-1].iteration  # nothing has run in this one
+            self.stop_reason = "too few configurations were found that are neither forbidden nor rejected"
+            return
         numbers = elites + self.history.add(children)
         race = self._new_race(numbers, budget, elites=elites)
-        yield from self._run_race(race, budget, n_new=n_new, soft_restart=bool(to_restart))
+        yield from self._run_race(race, budget, n_new=len(children), soft_restart=bool(to_restart))
 
     def _too_narrow(self, children: Sequence[tuple[Configuration, int]]) -> list[int]:
         """The elites whose distributions have become so narrow that they give the same configurations again."""

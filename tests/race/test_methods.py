@@ -1,6 +1,7 @@
 """What holds of every method of a race: one class of tests for all, and what some of them do besides."""
 
 import math
+import re
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -297,6 +298,19 @@ class TestSearch:
         race = METHODS[method](space, budget=300, seed=1, initial=given)
         race.ask()
         assert race.configurations[:3] == given
+
+
+def test_a_space_that_is_mostly_forbidden_is_searched_to_the_end_of_the_budget():
+    """Of its configurations 1 % are allowed: a run of 100 that are not is likely."""
+    race = race_of("random", Space([real("x", 0, 1)], forbidden=["x > 0.01"]), budget=400)
+    run(race, cost=lambda c: c["x"])
+    assert race.stop_reason == "the budget left is too small for another configuration"
+
+
+def test_a_search_of_a_space_that_has_run_says_how_often_it_has_drawn():
+    race = search_of("random", Space([categorical("a", [1, 2, 3])]), budget=200, instances=5)
+    run(race, cost=lambda c: int(c["a"]))
+    assert re.fullmatch(r"no configuration was found within 100 draws that has not run", race.stop_reason)
 
 
 def test_if_all_elites_are_rejected_the_best_of_the_others_run_on():

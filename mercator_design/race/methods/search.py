@@ -21,8 +21,10 @@ from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 _MAX_ELITES = 5
-_MAX_TRIES = 100
-"""Stop after so many successive proposals that are not new or not allowed."""
+_MAX_KNOWN = 100
+"""Stop after so many successive proposals that are not new."""
+_MAX_EXCLUDED = 10_000
+"""Stop after so many successive proposals that are not allowed: most of a space may be forbidden."""
 
 
 class Proposal(NamedTuple):
@@ -105,6 +107,7 @@ class Search(Optimizer):
         self._sampler = sampler(space, seed=seed, generation=options.generation)
         self._initial = self._checked(initial)
         self._instances = range(0)  # after the current one
+        self._n_tries = 0  # since the last new configuration
         self._means: dict[int, float] = {}  # of all that have run, as reported to the sampler
 
     def lookahead(self, n: int) -> list[Experiment]:
@@ -120,7 +123,7 @@ class Search(Optimizer):
         while (n := min(self.options.generation, (self.budget - self.used) // self._n_instances)) > 0:
             proposals = self._proposals(n)
             if not proposals:
-                self.stop_reason = "no configuration was found that has not run"
+                self.stop_reason = f"no configuration was found within {self._n_tries} draws that has not run"
                 break
             self.iteration += 1
             # More, if some are pruned.
@@ -136,25 +139,28 @@ class Search(Optimizer):
     def _proposals(self, n: int) -> dict[int, list[Proposal]]:
         """Up to n new configurations, by number; some are proposed more than once."""
         found: dict[int, list[Proposal]] = {}
-        tries = 0
-        while len(found) < n and tries < _MAX_TRIES:
+        n_known = n_excluded = 0
+        while len(found) < n and n_known < _MAX_KNOWN and n_excluded < _MAX_EXCLUDED:
             proposal = self._sampler(self._initial.pop(0) if self._initial else None)
             number = self.history.number(proposal.configuration)
-            tries += 1
             if self.history.is_excluded(proposal.configuration):
                 proposal.finish(None)
+                n_excluded += 1
             elif number is None:
                 (number,) = self.history.add([(proposal.configuration, None)])
                 found[number] = [proposal]
-                tries = 0
-            elif number in found:
-                found[number].append(proposal)
+                n_known = n_excluded = 0
             else:
-                proposal.finish(self._means[number])
+                n_known += 1
+                if number in found:
+                    found[number].append(proposal)
+                else:
+                    proposal.finish(self._means[number])
+        self._n_tries = n_known + n_excluded
         if len(self.configurations) < 2:
             raise RaceError(
                 "space: expected several different configurations to be allowed, "
-                f"found {['none', 'one'][len(self.configurations)]}"
+                f"found {['none', 'one'][len(self.configurations)]} within {self._n_tries} draws"
             )
         return found
 

@@ -1,6 +1,7 @@
 """What a race found is tested on instances that it never sees, and the race does not know."""
 
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -151,3 +152,43 @@ def test_two_results_of_one_test(tmp_path):
     path.write_bytes(journal_of([*known, known[-1], event]))
     with pytest.raises(RaceError, match=r"test: configuration \d+ on instance 1 is there twice"):
         read(path)
+
+
+def test_the_place_of_a_test_is_not_searched_for(monkeypatch):
+    """It takes as many comparisons of experiments as there are tests, not their square."""
+    n_compared = 0
+
+    class Counted(Experiment):
+        __hash__ = Experiment.__hash__
+
+        def __eq__(self, other):
+            nonlocal n_compared
+            n_compared += 1
+            return tuple(self) == tuple(other)
+
+    monkeypatch.setattr(evaluation, "Experiment", Counted)
+    with ThreadExecutor(1) as executor:
+        runner(Record(), executor, testing=evaluation.Testing(runs=300)).finish()
+    assert n_compared < 3000
+
+
+def test_the_evaluator_compares_on_each_test_instance_those_that_have_run():
+    asked = []
+
+    def evaluate(item, alive):
+        asked.append((item, alive))
+        return Measurement(1.0, "")
+
+    def function(item):
+        return 1 / 0 if item == (5, 1) else Measurement(0.0, "")
+
+    def item(experiment, configuration, *, test):
+        return tuple(experiment)
+
+    problem = SimpleNamespace(function=function, item=item, evaluate=evaluate)
+    tests = [Experiment(number, instance) for number in (7, 5) for instance in (0, 1)]
+    with ThreadExecutor(1) as executor:
+        known = [Experiment(3, 0)]
+        found = dict(evaluation.results_of(problem, executor, tests, {5: {}, 7: {}}, known, lambda: False))
+    assert asked == [((7, 0), [3, 7, 5]), ((5, 0), [3, 7, 5]), ((7, 1), [7])]
+    assert found.keys() == {*tests}

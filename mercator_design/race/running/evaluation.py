@@ -88,21 +88,23 @@ def results_of(
     def item(test: Experiment) -> T:
         return problem.item(test, configurations[test.configuration], test=True)
 
-    ran: list[Experiment] = []
+    ran: set[Experiment] = set()
     items = map(item, takewhile(lambda _: not stopped(), tests))
     for place, result in executor.run(problem.function, items):
         if problem.evaluate is None or read_result(result)[2]:
             yield tests[place], result
         else:
-            ran.append(tests[place])
+            ran.add(tests[place])
     if problem.evaluate is None:
         return
-    for one in sorted(ran, key=lambda test: (test.instance, tests.index(test))):
-        alive = [other.configuration for other in (*known, *tests) if other.instance == one.instance
-                 and (other in known or other in ran)]  # fmt: skip
+    todo = [one for one in tests if one in ran]
+    alive: dict[int, list[int]] = {}  # by instance
+    for one in (*known, *todo):
+        alive.setdefault(one.instance, []).append(one.configuration)
+    for one in sorted(todo, key=lambda test: test.instance):
         if stopped():
             return
-        yield one, attempt(partial(problem.evaluate, item(one)), alive, Exception)
+        yield one, attempt(partial(problem.evaluate, item(one)), alive[one.instance], Exception)
 
 
 def experiment_of(problem: Problem[T], number: int, where: Experiment, result: Measurement | Failed) -> ExperimentDone:

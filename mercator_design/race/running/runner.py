@@ -174,11 +174,10 @@ class RaceRun(Generic[T]):
         problem, tests = self.problem, testing.experiments(self._optimizer)
         known = known_tests(problem, tests, self._record.tests)
         yield from known.values()
-        missing = [one for one in tests if one not in known]
-        results = results_of(problem, self._executor, missing, self._optimizer.configurations, known, self._is_over)
+        missing = {one: place for place, one in enumerate(one for one in tests if one not in known)}
+        results = results_of(problem, self._executor, [*missing], self._optimizer.configurations, known, self._is_over)
         for where, result in results:
-            test = test_of(problem, where, result)
-            self._accept(result, test, missing.index(where))
+            self._accept(result, test_of(problem, where, result), missing[where])
             yield from self._unseen()
         if self._failures:
             raise self._failures[min(self._failures)]

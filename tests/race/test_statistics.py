@@ -61,3 +61,19 @@ def test_signed_ranks_as_scipy_s(seed):
 
 def test_p_values_are_corrected_as_holm_does():
     assert holm(np.array([0.01, 0.04, 0.03])) == pytest.approx([0.03, 0.06, 0.06])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_signed_ranks_as_scipy_s_approximation(seed):
+    draws = np.random.default_rng(seed)
+    differences = draws.normal(0.1, 1, 50 + 100 * seed)
+    if seed % 2:  # ties, but no zeros, which the approximation of scipy counts as a tie
+        differences = np.ceil(10 * np.abs(differences)) * np.sign(differences)
+    expected = wilcoxon(differences, alternative="greater", method="approx", correction=True).pvalue
+    assert signed_rank_p_value(differences) == pytest.approx(expected, rel=1e-9)
+
+
+def test_many_zeros_are_not_significant():
+    """Few differences besides them are tested exactly."""
+    assert signed_rank_p_value(np.zeros(60)) == 1.0
+    assert signed_rank_p_value(np.array([0.0] * 60 + [1.0])) == 0.5

@@ -58,8 +58,8 @@ class SearchOptions:
             not depend on the number of workers or on their speed.
         pruning: A configuration is pruned when it is worse than the best so far (p-value of Wilcoxon's signed-rank
             test below this) and its mean is higher than that of all results of the best. This is the rule of Optuna's
-            WilcoxonPruner, whose default is 0.1. Our test is exact, also with ties, and takes 50 µs; scipy's takes up
-            to 100 ms. None: no pruning.
+            WilcoxonPruner, whose default is 0.1. Below 50 instances our test is exact, also with ties, and takes 50 µs;
+            scipy's takes up to 100 ms. None: no pruning.
     """
 
     instances: int

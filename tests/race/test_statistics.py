@@ -1,6 +1,7 @@
 """The tests of a race against other oracles than irace, with which test_vectors.py compares."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -77,3 +78,27 @@ def test_many_zeros_are_not_significant():
     """Few differences besides them are tested exactly."""
     assert signed_rank_p_value(np.zeros(60)) == 1.0
     assert signed_rank_p_value(np.array([0.0] * 60 + [1.0])) == 0.5
+
+
+@pytest.mark.parametrize("n", range(2, 40))
+def test_of_two_the_one_with_the_lower_median_of_all_pairs_wins(n):
+    """Also with ties, and if as many sums of pairs are above 0 as below."""
+    draws = np.random.default_rng(n)
+    for _ in range(50):
+        differences = draws.integers(-3, 4, n) / 2 if n % 2 else draws.normal(0, 1, n).round(1)
+        costs = np.column_stack((5 + differences, np.full(n, 5.0)))
+        differences = costs[:, 0] - costs[:, 1]
+        differences = differences[differences != 0]
+        if (differences < 0).any() and (differences > 0).any():
+            sums = np.add.outer(differences, differences)[np.tril_indices(len(differences))]
+            assert eliminate(costs, "friedman", 0.95).best == int(np.median(sums) > 0)
+
+
+def test_two_are_compared_without_all_pairs_in_memory():
+    costs = np.random.default_rng(1).normal(size=(3000, 2))
+    eliminate(costs[:60], "friedman", 0.95)  # loads scipy
+    tracemalloc.start()
+    eliminate(costs, "friedman", 0.95)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3000 * 8 * 50  # all pairs are 36 MB

@@ -189,8 +189,23 @@ def _wilcoxon(costs: Floats, alpha: float) -> Verdict:
         sigma = math.sqrt(n * (n + 1) * (2 * n + 1) / 24 - ties / 48)
         z = (centred - math.copysign(0.5, centred) * (centred != 0)) / sigma
         p_value = min(1.0, 2 * float(scipy.special.ndtr(-abs(z))))
-    pairs = np.add.outer(differences, differences)[np.tril_indices(n)]
-    return _duel(0 if np.median(pairs) <= 0 else 1, p_value, dropped=p_value < alpha)
+    return _duel(1 if _is_shift_positive(differences) else 0, p_value, dropped=p_value < alpha)
+
+
+def _is_shift_positive(differences: Floats) -> bool:
+    """Whether the median of the sums of all pairs of differences is above 0 (the estimate of Hodges and Lehmann).
+
+    Each difference is also paired with itself. The n (n + 1) / 2 sums are counted in the sorted differences, not made.
+    """
+    ordered = np.sort(differences)
+    n = len(ordered)
+    partners = np.searchsorted(ordered, -ordered, side="right")  # for a sum of 0 or less
+    excess = int(partners.sum() + (ordered <= 0).sum()) - n * (n + 1) // 2  # twice the sums of 0 or less, minus all
+    if excess:
+        return excess < 0
+    largest = (ordered + ordered[partners - 1])[partners > 0].max()
+    smallest = (ordered + ordered[np.minimum(partners, n - 1)])[partners < n].min()
+    return bool(largest + smallest > 0)
 
 
 def _duel(winner: int, p_value: float, *, dropped: bool) -> Verdict:

@@ -36,6 +36,8 @@ from mercator_design.race.space.r_operators import (
 
 _LOGICAL = dict.fromkeys(("TRUE", "true", "T", "True"), True)
 _LOGICAL |= dict.fromkeys(("FALSE", "false", "F", "False"), False)
+_MAX_DIGITS = 400
+"""More digits than a number has on either side of its point; Python computes ten to the power of what it is given."""
 _POSIX_CLASSES = {
     "[:alnum:]": "0-9A-Za-z",
     "[:alpha:]": "A-Za-z",
@@ -111,6 +113,7 @@ def _double(operation: Callable[[float], float]) -> Callable[[float], float]:
 
 
 def _round(a: float, digits: float = 0) -> float:
+    digits = min(max(digits, -_MAX_DIGITS), _MAX_DIGITS)
     return round(a, int(digits)) if math.isfinite(a) else a
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
-from mercator_design.race import Halving, Space, categorical, integer, ordered, real
+from mercator_design.race import Experiment, Halving, Space, categorical, integer, ordered, real
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.executors import ProcessExecutor
 from mercator_design.race.running.journal import Journal
@@ -407,3 +407,12 @@ def test_an_interrupted_race_does_not_end_as_one_that_is_complete():
     for _ in range(2):
         with pytest.raises(RaceError, match="cannot continue after KeyboardInterrupt"):
             race.ask()
+
+
+def test_elites_of_a_search_are_sorted_again_when_costs_are_replaced():
+    race = search_of("random", Space([real("x", 0, 1)]), budget=60, instances=10, generation=3)
+    while len(race.elites) < 3:
+        race.tell([float(one.configuration) for one in race.ask()])
+    race.revise({Experiment(0, 0): 1000.0})
+    assert [elite.configuration for elite in race.elites] == [1, 2, 0]
+    assert race.best.configuration == 1

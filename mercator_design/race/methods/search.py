@@ -114,6 +114,10 @@ class Search(Optimizer):
         coming = (Experiment(number, instance) for instance in self._instances for number in self._alive)
         return list(islice(coming, n))
 
+    def revise(self, costs: Mapping[Experiment, float]) -> None:
+        super().revise(costs)
+        self._rank([])
+
     @property
     def _n_instances(self) -> int:
         """Instances that a configuration of the next generation runs on: all that were seen."""

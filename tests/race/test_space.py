@@ -189,3 +189,10 @@ def test_a_forbidden_combination_is_not_one_that_is_missing():
 def test_a_space_can_be_sent_to_other_processes():
     space = pickle.loads(pickle.dumps(example()))  # noqa: S301 - our own
     space.check({"rule": "fast", "n": 5, "m": 4, "x": 0.5, "fixed": "only"})
+
+
+def test_a_long_chain_of_conditions_may_stand_in_any_order():
+    n = 1200
+    lines = [f'p{k} "" c (a, b) | p{k + 1} == "a"' for k in range(n)]
+    space = parse_space("\n".join([*lines, f'p{n} "" c (a, b)']))
+    assert (space.levels["p0"], space.levels[f"p{n}"]) == (n + 1, 1)

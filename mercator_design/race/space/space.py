@@ -65,7 +65,7 @@ class Space:
         self._check_names()
         self.levels: dict[str, int] = {}
         for parameter in self.parameters:
-            self._find_level(parameter, ())
+            self._find_level(parameter.name)
         self.variable = tuple(p for p in self.parameters if not p.is_fixed)
         self.n_variable = len(self.variable)
         self._order = {p.name: place for place, p in enumerate(self.parameters)}
@@ -209,14 +209,18 @@ class Space:
             if unknown:
                 raise RaceError(f"forbidden {expression.text}: expected names of parameters, found '{unknown[0]}'")
 
-    def _find_level(self, parameter: Parameter, path: tuple[str, ...]) -> int:
-        if parameter.name in path:
-            raise RaceError(f"parameter '{parameter.name}': depends on itself ({' -> '.join((*path, parameter.name))})")
-        if parameter.name not in self.levels:
-            path = (*path, parameter.name)
-            below = [self._find_level(self._by_name[name], path) for name in parameter.depends_on]
-            self.levels[parameter.name] = 1 + max(below, default=0)
-        return self.levels[parameter.name]
+    def _find_level(self, name: str) -> None:
+        """Find the level of a parameter, and of those that it depends on; without recursion, as these may be many."""
+        path = [name]  # each depends on the next
+        while path:
+            names = self._by_name[path[-1]].depends_on
+            below = next((one for one in names if one not in self.levels), None)
+            if below is None:
+                self.levels[path.pop()] = 1 + max(map(self.levels.__getitem__, names), default=0)
+            elif below in path:
+                raise RaceError(f"parameter '{below}': depends on itself ({' -> '.join((*path, below))})")
+            else:
+                path.append(below)
 
 
 def _has_few_values(parameter: Parameter) -> bool:

@@ -68,6 +68,7 @@ GIVEN = {"n": 3, "x": 0.5, "s": "1", "rule": "fast", "big": "100000"}
         ("round(n, -99999999) == 0", True),
         ("round(n, 1 / 0) == n", True),
         ("round(1.25, 99999999)", 1.25),
+        ("ifelse(TRUE, seq(1, 2, length.out = 0), 1)", None),
     ],
 )
 def test_value(text, value):

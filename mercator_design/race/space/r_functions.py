@@ -184,7 +184,7 @@ def _if_else(test: Closure, yes: Closure, no: Closure) -> Closure:
             if truth is None:
                 return None
             members = members_of((yes if truth else no)(values))
-            return members[number % len(members)]
+            return members[number % len(members)] if members else None
 
         return vector(tuple(choose(number, one) for number, one in enumerate(members_of(test(values)))))
 

@@ -36,6 +36,7 @@ def test_it_is_an_error_if_all_are_rejected():
     batch = race.ask()
     with pytest.raises(RaceError, match="all were rejected"):
         race.tell([math.inf] * len(batch))
+    assert race.progress.best is None
     for _ in range(2):  # which is not an end
         with pytest.raises(RaceError, match="all were rejected"):
             race.ask()

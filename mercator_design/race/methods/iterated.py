@@ -66,7 +66,7 @@ class IteratedRace(Optimizer):
     @property
     def progress(self) -> Progress:
         found = replace(super().progress, iterations=self._planner.n_iterations)
-        if self._race is None:
+        if self._race is None or not self._race.alive:
             return found
         leader = self._race.ranked()[0]
         best = self.history.statistics(leader) if self.history.costs[leader] else found.best

@@ -527,9 +527,9 @@ class TestOptions:
         with pytest.raises(RaceError, match=f"race option {name}: expected 0 to 1, found {value}"):
             HalvingOptions(**{name: value})
 
-    @pytest.mark.parametrize("value", [1, 0, -3])
+    @pytest.mark.parametrize("value", [1, 0, -3, 2.5, math.nan])
     def test_two_elites_at_least(self, value):
-        with pytest.raises(RaceError, match=f"race option elites: expected 2 or more, found {value}"):
+        with pytest.raises(RaceError, match=f"race option elites: expected a whole number, 2 or more, found {value}"):
             HalvingOptions(elites=value)
 
     def test_the_first_generation_and_the_confirmation_share_the_budget(self):

@@ -11,6 +11,7 @@ import math
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -64,9 +65,10 @@ class HalvingOptions:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            is_valid = value >= 2 if one.name == "elites" else 0 <= value <= 1
+            is_count = one.name == "elites"
+            is_valid = value >= 2 and isinstance(value, Integral) if is_count else 0 <= value <= 1
             if not is_valid:
-                expected = "2 or more" if one.name == "elites" else "0 to 1"
+                expected = "a whole number, 2 or more" if is_count else "0 to 1"
                 raise RaceError(f"race option {one.name}: expected {expected}, found {value}")
         if self.first + self.confirmation > 1:
             raise RaceError(

@@ -1,6 +1,7 @@
 """irace's options of an iterated race, and their valid ranges."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Integral
 from typing import get_args
 
 from mercator_design.errors import RaceError
@@ -65,6 +66,10 @@ class RaceOptions:
     def __post_init__(self) -> None:
         self._require("test", " or ".join(get_args(TestName)), self.test in get_args(TestName))
         self._require("confidence", "between 0 and 1", 0 < self.confidence < 1)
+        for one in fields(self):
+            if one.default is None or type(one.default) is int:
+                is_whole = isinstance(value := getattr(self, one.name), Integral) or value is one.default
+                self._require(one.name, "a whole number", is_whole)
         for name in (
             "each_test",
             "block_size",

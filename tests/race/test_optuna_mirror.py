@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import optuna
 import pytest
@@ -176,3 +177,22 @@ def test_a_race_that_is_resumed_after_its_end_adds_no_trial(url):
     assert {"FAIL", "COMPLETE"} <= {trial.state.name for trial in before}
     mirrored(url, record, function=failing, on_failure="reject")
     assert trials_of(url) == before
+
+
+def test_a_new_configuration_is_not_looked_up_with_all_before_it():
+    n_looked_up = 0
+
+    class Counted(dict):
+        def __contains__(self, key):
+            nonlocal n_looked_up
+            n_looked_up += 1
+            return super().__contains__(key)
+
+    race = METHODS["halving"](SPACE, budget=300, seed=1)
+    n = len({one.configuration for one in race.ask()})
+    study = optuna_mirror._Study(None, "study", race, maximise=False)
+    study._scores = Counted()
+    for number in range(n):
+        study.report(SimpleNamespace(configuration=number, instance=0, score=1.0, failure=""))
+    assert len(study._scores) == n > 20
+    assert n_looked_up <= 3 * n

@@ -108,6 +108,7 @@ class _Study:
         self._study = study
         self._open: dict[int, int] = {}  # configuration -> its trial, if it is running
         self._scores: dict[int, dict[int, float]] = {}  # configuration with a trial -> instance -> score
+        self._n_checked = 0  # configurations below this number have a trial
         self._failed: set[int] = set()  # configurations with an experiment that failed
         for trial in study.get_trials(deepcopy=False):
             configuration = trial.user_attrs.get("configuration")
@@ -121,9 +122,10 @@ class _Study:
 
     def report(self, one: ExperimentDone | ScoreRevised) -> None:
         if one.configuration not in self._scores:
-            for number in range(one.configuration + 1):
+            for number in range(self._n_checked, one.configuration + 1):
                 if number not in self._scores:
                     self._add(number)
+            self._n_checked = one.configuration + 1
         trial, scores = self._open.get(one.configuration), self._scores[one.configuration]
         is_known = one.instance in scores and isinstance(one, ExperimentDone)
         if trial is None or is_known:  # from before the race was resumed

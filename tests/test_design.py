@@ -2,11 +2,13 @@ import json
 
 import pytest
 
+from mercator_design import designer
 from mercator_design.designer import Designer
 from mercator_design.fsm.digest import FILES, control_digest
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
+from mercator_design.race import Experiment
 from mercator_design.race.racing.summary import Scores
 from mercator_design.seeds import MAX_SEED, instance_seed
 from mercator_design.sim.robot_model import load_robot_model
@@ -59,3 +61,13 @@ def test_the_digest_is_of_every_file_with_a_kernel_of_control_software():
     assert {f.__module__ for f in marked() if ".fsm." in f.__module__} <= {
         f"mercator_design.fsm.{name}" for name in FILES
     }
+
+
+def test_no_more_pfsms_are_kept_than_run_at_a_time(monkeypatch):
+    monkeypatch.setattr(designer, "_MAX_PFSMS", 3)
+    one = Designer(Simulator(load_mission("aggregation", ["duration=1"])), budget=100, seed=1)
+    one.optimizer.ask()
+    items = [one.item(Experiment(number, 0), one.optimizer.configurations[number])[0] for number in range(10)]
+    assert len(one._pfsms) <= 3
+    assert items[9] is one.item(Experiment(9, 0), one.optimizer.configurations[9])[0]
+    assert items[0] == one.item(Experiment(0, 0), one.optimizer.configurations[0])[0]

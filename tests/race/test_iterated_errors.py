@@ -128,9 +128,8 @@ def test_fewer_configurations_than_survive_are_refused():
 
 @pytest.mark.parametrize("options", [{"n_configurations": 90}, {"experiments_per_iteration": 8}])
 def test_a_budget_for_no_first_iteration_is_refused(options):
-    race = IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(**options))
     with pytest.raises(RaceError, match="expected a budget for a first iteration, but the budget left is too small"):
-        race.ask()
+        IteratedRace(MIXED, budget=400, seed=1, options=RaceOptions(**options))
 
 
 def test_a_space_of_which_too_little_is_left_ends_a_race_with_a_winner():

@@ -57,6 +57,8 @@ class IteratedRace(Optimizer):
         self._n_seen = 0  # instances
         self._model = SamplingModel(space, self.options)
         self._race: EliminationRace | None = None
+        if isinstance(planned := self._next(), str):
+            raise RaceError(f"race: expected a budget for a first iteration, but {planned}")
 
     @property
     def _left(self) -> int:
@@ -113,8 +115,6 @@ class IteratedRace(Optimizer):
             self._planner.n_iterations = max(self._planner.n_iterations, self.iteration)
             run = self._later_race if self.elites else self._first_race
             yield from run(planned.budget, planned.n_configurations)
-        if not self.iterations:
-            raise RaceError(f"race: expected a budget for a first iteration, but {self.stop_reason}")
         self._planner.n_iterations = self.iteration
         if self.options.elitist and self.options.postselection:
             yield from self._postselect()

@@ -55,6 +55,7 @@ def test_what_is_forbidden_is_left_out_and_said(tmp_path):
     [
         ("# nothing\n", ": expected a line with the names of parameters, found none"),
         ("x y\n1 2", ":1: expected names of parameters, found 'y'"),
+        ("x rule n x\n1 fast 2 1", ":1: expected each parameter once, found 'x' twice"),
         ("x rule n\n0.5 fast", ":2: expected 3 values, found 2"),
         ("x rule n\n\nhigh fast 3", ":3: parameter 'x': expected a number, found 'high'"),
         ("x rule n\n0.5 fast 1_0", ":2: parameter 'n': expected a whole number, found '1_0'"),

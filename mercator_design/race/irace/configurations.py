@@ -50,6 +50,8 @@ def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], 
     for name in names:
         if name not in {parameter.name for parameter in space.parameters}:
             raise RaceError(f"{path}:{number}: expected names of parameters, found '{excerpt(name)}'")
+        if names.count(name) > 1:
+            raise RaceError(f"{path}:{number}: expected each parameter once, found '{excerpt(name)}' twice")
     found: dict[tuple[Value | None, ...], tuple[int, Configuration]] = {}
     notes = [
         f"{path}:{number}: irace expects a column for parameter '{parameter.name}'"

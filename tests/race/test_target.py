@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,12 @@ def test_what_a_runner_is_called_with(tmp_path, program):
 def test_a_launcher_runs_the_runner(cmdline, expected):
     target = Target(runner=Path("R"), launcher=Path("L"), cmdline=cmdline, folder=Path())
     assert target.command(CALL) == shlex.split(expected)
+
+
+def test_braces_of_an_instance_are_not_a_template():
+    call = replace(CALL, instance="a{bound}{targetRunnerArgs}.txt")
+    target = Target(runner=Path("R"), cmdline="{instance} {unknown} {seed}", folder=Path())
+    assert target.command(call) == ["R", "a{bound}{targetRunnerArgs}.txt", "{unknown}", "42"]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import contextlib
 import errno
 import math
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -103,8 +104,7 @@ class Target:
         line = self.cmdline
         if self.launcher is not None and "{targetRunner}" not in line:
             line = f"{{targetRunner}} {line}"
-        for name, word in words.items():
-            line = line.replace(f"{{{name}}}", word)
+        line = re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), line)  # not in what is put in
         return [str(self.launcher or self.runner), *_split(line)]
 
     def evaluation(self, call: Call, alive: Sequence[int]) -> list[str]:

@@ -114,7 +114,7 @@ def to_text(pfsm: Pfsm) -> str:
 
 def _values(module: Module, values: tuple[float, ...], index: str) -> list[str]:
     return [
-        f"--{parameter.flag}{index} {int(value) if value == int(value) else value!r}"
+        f"--{parameter.flag}{index} {int(value) if value == int(value) and abs(value) < 1e15 else value!r}"
         for parameter, value in zip(module.parameters, values, strict=True)
     ]
 

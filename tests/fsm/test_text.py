@@ -152,6 +152,14 @@ def test_lenient_reading_is_what_the_original_ran_and_says_so(case):
             parse(text)
 
 
+@pytest.mark.parametrize("value", ["1e300", "1e22", "123456789012345678", "-1e15", "999999999999999"])
+def test_large_tolerated_numbers_are_written_as_they_are_read(value):
+    pfsm = parse(f"--nstates 2 --s0 1 --n0 1 --n0x0 0 --c0x0 0 --p0x0 {value} --s1 1", tolerate=lambda _: None)
+    text = to_text(pfsm)
+    assert len(text) < 100
+    assert parse(text, tolerate=lambda _: None) == pfsm
+
+
 @given(st.lists(st.sampled_from([*TWO.format("3 --p0x0 7 --w0x0 2.5").split(), "-1", "x", "9" * 30]), max_size=30))
 def test_no_text_makes_the_reader_fail_otherwise(tokens):
     for tolerate in (None, lambda _: None):

@@ -9,17 +9,22 @@ from hypothesis import strategies as st
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
-from mercator_design.fsm.space.structure import PfsmStructure, canonical, neighbour
+from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.race import parse_space
 from tests.fsm.strategies import pfsms
 
 GREEN, BLUE = (float(COLOUR_LABELS.index(name)) for name in ("green", "blue"))
 SPACE = parse_space(parameters_text("watermelon"))
+STRUCTURE = PfsmStructure("watermelon")
 
 
 def random_pfsm(seed):
     draws = np.random.default_rng(seed)
     return to_pfsm(SPACE.build(lambda p, bounds: p.quantile(draws.random(), bounds)), "watermelon")
+
+
+def neighbour(pfsm, draws):
+    return to_pfsm(STRUCTURE.neighbour(from_pfsm(pfsm), draws), "watermelon")
 
 
 def renumbered(pfsm, order, draws):
@@ -70,13 +75,12 @@ def test_states_that_nothing_leads_to_are_dropped():
 
 def test_neighbours_are_configurations_of_the_grammar_and_all_moves_are_made():
     draws = np.random.default_rng(1)
-    structure = PfsmStructure("watermelon")
     changes = set()
     for seed in range(300):
         pfsm = canonical(random_pfsm(seed))
-        found = structure.neighbour(from_pfsm(pfsm), draws)
+        found = STRUCTURE.neighbour(from_pfsm(pfsm), draws)
         SPACE.check(found)
-        assert structure.canonical(found) == found
+        assert STRUCTURE.canonical(found) == found
         other = to_pfsm(found, "watermelon")
         edges = [sum(len(state.transitions) for state in one.states) for one in (pfsm, other)]
         changes.add((np.sign(len(other.states) - len(pfsm.states)), np.sign(edges[1] - edges[0])))

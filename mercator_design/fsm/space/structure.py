@@ -71,12 +71,6 @@ def canonical(pfsm: Pfsm) -> Pfsm:
     return replace(pfsm, states=_canonical(pfsm.states))
 
 
-def neighbour(pfsm: Pfsm, draws: Draws) -> Pfsm:
-    """A PFSM that is one move away, or with decreasing probability more, in canonical form."""
-    changed = _States(pfsm.states, pfsm.flavour, tuple(modules_of(pfsm.flavour)[1].values()), draws)
-    return replace(pfsm, states=_canonical(changed.moved()))
-
-
 def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> list[State]:
     """The states without transitions that cannot fire.
 

@@ -197,7 +197,9 @@ class Journal:
         self._append({"event": "start", **self.record.start})
 
     def note(self, *events: Event) -> None:
-        """Add events and append them to the file, all or none.
+        """Add events to the record, and append their lines to the file, all or none of them.
+
+        After an error the record may have events that the file does not have: resume the race from the file.
 
         Raises:
             RaceError: An event is not consistent with those before, or they cannot be written.

@@ -20,6 +20,7 @@ import pytest
 
 from mercator_design.analysis.analysis import Ablation
 from mercator_design.analysis.pruning import without
+from mercator_design.cli.races.common import _Messages
 from mercator_design.command import print_message
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
@@ -31,11 +32,13 @@ from mercator_design.fsm.text import to_text
 from mercator_design.missions import plugins
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.racing.summary import Elite, Progress
+from mercator_design.race.running import events
 from mercator_design.race.running.events import (
     ConfigurationAdded,
     ExperimentDone,
     IterationEnded,
     RaceEnded,
+    ScoreRevised,
     SessionStopped,
 )
 from mercator_design.race.running.journal import Journal, read
@@ -1025,3 +1028,32 @@ class TestAnalysis:
         code, _, err = mdesign("runs", "ablation", folder)
         assert code == 1
         assert "expected a race that has ended" in err
+
+
+def test_whatever_is_rejected_or_fails_is_reported_once(capsys):
+    """An experiment, a score that an evaluator has replaced, and a test; not those of the journal before."""
+    where = {"configuration": 3, "instance": 0, "score": None, "failure": "broken"}
+    failed = [
+        ExperimentDone(experiment=5, iteration=1, seed=1, outcome="", **where),
+        ScoreRevised(experiment=6, **where),
+        events.TestDone(seed=1, **where),
+    ]
+    kept = []
+    record = SimpleNamespace(experiments={}, tests={}, revised={}, iterations={})
+    folder = SimpleNamespace(
+        journal=SimpleNamespace(record=record), keep_failed=lambda event: kept.append(event) or "command.txt"
+    )
+    messages = _Messages(folder)
+    for event in failed:
+        messages.note(event)
+    assert capsys.readouterr().err.splitlines() == [
+        "Warning: configuration 3 is rejected: broken; see command.txt",
+        "Warning: configuration 3 is rejected: broken",
+        "Warning: configuration 3: test 0 failed: broken; see command.txt",
+    ]
+    assert kept == [failed[0], failed[2]]
+    record.experiments[5], record.revised[6], record.tests[3, 0] = failed[0], {(3, 0): failed[1]}, failed[2]
+    messages = _Messages(folder)
+    for event in failed:
+        messages.note(event)
+    assert capsys.readouterr().err == ""

@@ -2,8 +2,9 @@
 
 import json
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
+from itertools import chain
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -16,7 +17,14 @@ from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, to_json
+from mercator_design.race.running.events import (
+    Event,
+    ExperimentDone,
+    IterationEnded,
+    ScoreRevised,
+    TestDone,
+    to_json,
+)
 from mercator_design.race.running.executors import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
@@ -225,17 +233,25 @@ class _Messages:
     def __init__(self, folder: RunFolder) -> None:
         self._folder = folder
         record = folder.journal.record
-        self._known_failures = {number for number, one in record.experiments.items() if one.failure}
+        revised = chain.from_iterable(few.values() for few in record.revised.values())
+        known: Iterator[ExperimentDone | ScoreRevised | TestDone] = chain(
+            record.experiments.values(), record.tests.values(), revised
+        )
+        self._known_failures = {one for one in known if one.failure}
         self._known_iterations = set(record.iterations)
         self._n_failed = 0
 
     def note(self, event: Event) -> None:
         match event:
-            case ExperimentDone() if event.failure and event.experiment not in self._known_failures:
-                command = self._folder.keep_failed(event)
+            case ExperimentDone() | TestDone() | ScoreRevised() if event.failure and event not in self._known_failures:
+                what = f"configuration {event.configuration} is rejected: {event.failure}"
+                if isinstance(event, TestDone):
+                    what = f"configuration {event.configuration}: test {event.instance} failed: {event.failure}"
+                if not isinstance(event, ScoreRevised):  # whose experiment has not failed
+                    what += f"; see {self._folder.keep_failed(event)}"
                 self._n_failed += 1
                 if self._n_failed <= _MAX_WARNINGS:
-                    warn(f"configuration {event.configuration} is rejected: {event.failure}; see {command}")
+                    warn(what)
             case IterationEnded() if event.note and event.iteration not in self._known_iterations:
                 print_note(f"Note: iteration {event.iteration}: {event.note}")
 

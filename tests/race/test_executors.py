@@ -246,6 +246,24 @@ def test_a_signal_ends_a_wait_that_it_does_not_interrupt(make, tmp_path):
     assert not (tmp_path / "ended").exists()
 
 
+def test_threads_end_if_not_all_can_start(monkeypatch):
+    began = []
+
+    def start(thread, usual=threading.Thread.start):
+        if len(began) == 2:
+            raise RuntimeError("can't start new thread")
+        began.append(thread)
+        usual(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    executor = ThreadExecutor(4)
+    with pytest.raises(RuntimeError, match="can't start"):
+        executor.__enter__()
+    for thread in began:
+        thread.join(LIMIT)
+    assert not any(thread.is_alive() for thread in began)
+
+
 def test_one_that_was_not_entered_says_so():
     """It would wait for ever."""
     with pytest.raises(RuntimeError, match="expected to be entered"):

@@ -57,9 +57,15 @@ class ThreadExecutor:
 
     def __enter__(self) -> Self:
         # Daemons end with this process, even if an experiment does not end.
-        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.jobs)]
-        for thread in self._threads:
-            thread.start()
+        self._threads = []
+        try:
+            for _ in range(self.jobs):
+                thread = threading.Thread(target=self._serve, daemon=True)
+                thread.start()
+                self._threads.append(thread)
+        except BaseException:  # the system may have no more threads
+            self.__exit__(None)
+            raise
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

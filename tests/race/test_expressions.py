@@ -302,3 +302,8 @@ def test_numbers_are_written_without_exponents():
         "100000000000000000000",
         "0",
     ]
+
+
+def test_whole_and_real_numbers_are_not_the_same_value():
+    text = Expression("as.character(n)")
+    assert [text({"n": value}) for value in (100000.0, 100000)] == ["1e+05", "100000"]

@@ -107,7 +107,7 @@ class Expression:
         self.names: tuple[str, ...] = tuple(parser.names)
         self.double_operators: tuple[str, ...] = tuple(parser.double_operators)
         self.ambiguous_numbers: tuple[tuple[str, str], ...] = tuple(parser.ambiguous_numbers)
-        self._cached = lru_cache(_CACHE_SIZE)(lambda *values: closure(values))
+        self._cached = lru_cache(_CACHE_SIZE, typed=True)(lambda *values: closure(values))
 
     def __call__(self, configuration: Mapping[str, Any]) -> Any:  # noqa: ANN401 - number, text, bool, None
         """The value for a configuration; None stands for NA."""

@@ -20,7 +20,7 @@ import pytest
 
 from mercator_design.analysis.analysis import Ablation
 from mercator_design.analysis.pruning import without
-from mercator_design.cli.races.common import _Messages
+from mercator_design.cli.races.common import _Messages, new_folder
 from mercator_design.command import print_message
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
@@ -1057,3 +1057,15 @@ def test_whatever_is_rejected_or_fails_is_reported_once(capsys):
     for event in failed:
         messages.note(event)
     assert capsys.readouterr().err == ""
+
+
+def test_a_race_that_cannot_begin_leaves_no_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def start():
+        raise RaceError("no start")
+
+    for _ in range(2):
+        with pytest.raises(RaceError, match="no start"):
+            new_folder(None, SimpleNamespace(name="mine", start=start), request=None, testing=None)
+        assert list((tmp_path / "runs").iterdir()) == []

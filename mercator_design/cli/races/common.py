@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from itertools import chain
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import click
 from click.core import ParameterSource
@@ -17,6 +17,7 @@ from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.errors import described
 from mercator_design.race.methods.table import METHODS
+from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import (
     Event,
     ExperimentDone,
@@ -29,12 +30,14 @@ from mercator_design.race.running.executors import Executor, ExecutorStopped, av
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.running.task import Task
 from mercator_design.report.columns import with_notes_wrapped
 from mercator_design.report.page.page import REPORT
 from mercator_design.report.progress import Mode, RaceDisplay
 from mercator_design.report.summary import race_summary
 from mercator_design.runs.files import RESUMED_BY, read_provenance
 from mercator_design.runs.folder import RunFolder
+from mercator_design.runs.provenance import Request
 
 _MAX_WARNINGS = 10
 """Number of failures that are reported one by one."""
@@ -122,15 +125,23 @@ def reopen(path: Path, task: str) -> RunFolder:
     return RunFolder.reopen(path)
 
 
-def free_folder(name: str) -> Path:
-    """Create the first of runs/NAME-1, -2, ... that does not exist."""
+def new_folder(output: Path | None, task: Task[Any], *, request: Request, testing: Testing | None) -> RunFolder:
+    """Create the folder of a new race: as `output` says, or the first of runs/NAME-1, -2, ... that does not exist."""
+    if output is not None:
+        return RunFolder.create(output, task, request=request, testing=testing)
     number = 0
     while True:
         number += 1
-        folder = Path("runs") / f"{name}-{number}"
+        folder = Path("runs") / f"{task.name}-{number}"
         with suppress(FileExistsError):
             folder.mkdir(parents=True)
-            return folder
+            break
+    try:
+        return RunFolder.create(folder, task, request=request, testing=testing)
+    except BaseException:
+        with suppress(OSError):  # it has files
+            folder.rmdir()
+        raise
 
 
 def run(

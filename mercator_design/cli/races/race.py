@@ -18,8 +18,8 @@ from mercator_design.cli.races.common import (
     RESUME,
     RunOptions,
     check_usage,
-    free_folder,
     method_option,
+    new_folder,
     reopen,
     run,
 )
@@ -32,7 +32,6 @@ from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.executors import Executor, ProcessExecutor, available_jobs
 from mercator_design.race.running.thread_executor import ThreadExecutor
-from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
@@ -134,7 +133,7 @@ def race(
         request = Request(
             mission=mission, set=overrides, flavour=flavour, method=method, executor=executor_name, jobs=executor.jobs
         )
-        folder = RunFolder.create(output or free_folder(designer.name), designer, request=request, testing=testing)
+        folder = new_folder(output, designer, request=request, testing=testing)
     with folder, Interrupt(then=executor.stop, notice=NOTICE) as interrupt:
         if resume is not None:
             if budget is not None:

@@ -17,8 +17,8 @@ from mercator_design.cli.races.common import (
     RESUME,
     RunOptions,
     check_usage,
-    free_folder,
     method_option,
+    new_folder,
     reopen,
     run,
 )
@@ -36,7 +36,6 @@ from mercator_design.race.running.executors import Failed, Rejected
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.columns import aligned
-from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import write_text, writing
@@ -147,7 +146,7 @@ def tune(
         if of.test_instances and of.test_elites:
             testing = Testing(runs=len(of.test_instances), elites=of.test_elites, iterations=of.test_iterations)
         request = Request(scenario=str(scenario.absolute()), method=method)
-        folder = RunFolder.create(output or free_folder(tuner.name), tuner, request=request, testing=testing)
+        folder = new_folder(output, tuner, request=request, testing=testing)
     assert isinstance(folder.task, Tuner)  # noqa: S101 - `reopen` has checked
     folder.task.speculates = speculate
     executor = ThreadExecutor(parallel or folder.task.scenario.jobs)

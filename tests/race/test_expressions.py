@@ -305,5 +305,5 @@ def test_numbers_are_written_without_exponents():
 
 
 def test_whole_and_real_numbers_are_not_the_same_value():
-    text = Expression("as.character(n)")
-    assert [text({"n": value}) for value in (100000.0, 100000)] == ["1e+05", "100000"]
+    text = Expression("ifelse(x > 0, as.character(n), s)")
+    assert [text({"x": 0.5, "n": value, "s": ""}) for value in (100000.0, 100000)] == ["1e+05", "100000"]

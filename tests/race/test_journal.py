@@ -140,7 +140,7 @@ class TestResume:
 
         def from_line_late(line):
             if not line.endswith(b"\n"):
-                path.write_bytes(b"".join(lines[:20]))
+                path.write_bytes(b"".join(lines[:22]))
             return from_line(line)
 
         monkeypatch.setattr(journal, "from_line", from_line_late)
@@ -148,7 +148,7 @@ class TestResume:
         assert reading.lines == 19
         assert reading.torn
         reading.read_on()
-        assert (reading.lines, reading.torn) == (20, "")
+        assert (reading.lines, reading.torn) == (22, "")
 
     def test_damage_before_the_end_names_the_line_and_changes_nothing(self, tmp_path, complete):
         path = tmp_path / "journal.jsonl"

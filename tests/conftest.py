@@ -69,9 +69,8 @@ def pytest_sessionstart(session):
 
 
 def pytest_collection_finish():
-    """What was collected stays until the end: no need to look through it each time for garbage, nor often for more."""
+    """What was collected stays until the end: no need to look through it each time for garbage."""
     gc.freeze()
-    gc.set_threshold(700, 10, 100)
     gc.enable()
 
 

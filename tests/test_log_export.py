@@ -1,5 +1,6 @@
 """mdesign export csv and mcap: all that logs and recordings of robots have, exactly, as other programs read it."""
 
+import gc
 import io
 import itertools
 import json
@@ -484,8 +485,15 @@ class TestErrors:
         ids=["state", "readings", "sensor", "values"],
     )
     def test_events_of_another_version(self, export, events, cycles, tmp_path, change, words):
-        code, err = export(written(tmp_path / "log.jsonl", [events[0], cycles[0] | change]))
+        log = written(tmp_path / "log.jsonl", [events[0], cycles[0] | change])
+        gc.disable()  # which would close it
+        try:
+            code, err = export(log)
+            files = [one for one in gc.get_objects() if isinstance(one, io.BufferedReader) and not one.closed]
+        finally:
+            gc.enable()
         assert (code, words in err) == (1, True)
+        assert str(log) not in [str(file.name) for file in files]
 
     def test_the_log_itself_is_not_written_over(self, export, log):
         before = log.read_bytes()

@@ -3,6 +3,7 @@
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -78,17 +79,17 @@ def read_recording(path: Path) -> RobotRecording:
         RobotError: if it cannot be read, or is not a recording.
     """
     rows: dict[str, list[tuple[float, Floats]]] = defaultdict(list)
-    events = read(path, "recording")
-    start = next(events)
-    assert isinstance(start, RecordingStarted)  # noqa: S101 - as `read` has seen
-    for event in events:
-        match event:
-            case SampleTaken():
-                rows[event.sensor].append((event.time, np.array(event.values, dtype=float)))
-            case TurnTaken():
-                rows["lidar"].append((event.time, np.array(event.readings, dtype=float).reshape(-1, 2)))
-            case WheelsDriven():
-                rows["wheels"].append((event.time, np.array([event.left, event.right])))
+    with closing(read(path, "recording")) as events:
+        start = next(events)
+        assert isinstance(start, RecordingStarted)  # noqa: S101 - as `read` has seen
+        for event in events:
+            match event:
+                case SampleTaken():
+                    rows[event.sensor].append((event.time, np.array(event.values, dtype=float)))
+                case TurnTaken():
+                    rows["lidar"].append((event.time, np.array(event.readings, dtype=float).reshape(-1, 2)))
+                case WheelsDriven():
+                    rows["wheels"].append((event.time, np.array([event.left, event.right])))
     series = {name: _series(name, each, start) for name, each in rows.items()}
     if not series:
         raise RobotError(f"{path}: expected a recording of sensors, found no sample")

@@ -4,6 +4,7 @@ import codecs
 import csv
 import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,23 +24,26 @@ def write_csv(paths: Sequence[Path], file: BinaryIO, warn: Callable[[str], None]
     Raises:
         RobotError: if a file is not such a log, is of another kind than the first, or is damaged before its end.
     """
-    logs = []
-    for path in paths:
-        with understanding(path):
-            logs.append(open_log(path))
-        if type(logs[-1]) is not type(logs[0]):
-            kinds = [log.start.kind for log in (logs[0], logs[-1])]
-            raise RobotError(f"{path}: expected the log of a {kinds[0]}, as {paths[0]} is, found that of a {kinds[1]}")
-    if len(logs) > 1:
-        for path, log in zip(paths, logs, strict=True):
-            if not log.reference or log.reference != logs[0].reference:
-                of = f"that of {log.reference}" if log.reference else "its robot's own"
-                warn(f"{path}: its clock is {of}, which was not compared with those of the other logs")
-    table = csv.DictWriter(codecs.getwriter("utf-8")(file), logs[0].columns, lineterminator="\n")
-    table.writeheader()
-    rows = heapq.merge(*map(_rows, paths, logs), key=lambda row: row["clock"])
-    table.writerows(rows)
-    return [log.summary() for log in logs]
+    with ExitStack() as opened:
+        logs = []
+        for path in paths:
+            with understanding(path):
+                logs.append(opened.enter_context(closing(open_log(path))))
+            if type(logs[-1]) is not type(logs[0]):
+                kinds = [log.start.kind for log in (logs[0], logs[-1])]
+                raise RobotError(
+                    f"{path}: expected the log of a {kinds[0]}, as {paths[0]} is, found that of a {kinds[1]}"
+                )
+        if len(logs) > 1:
+            for path, log in zip(paths, logs, strict=True):
+                if not log.reference or log.reference != logs[0].reference:
+                    of = f"that of {log.reference}" if log.reference else "its robot's own"
+                    warn(f"{path}: its clock is {of}, which was not compared with those of the other logs")
+        table = csv.DictWriter(codecs.getwriter("utf-8")(file), logs[0].columns, lineterminator="\n")
+        table.writeheader()
+        rows = heapq.merge(*map(_rows, paths, logs), key=lambda row: row["clock"])
+        table.writerows(rows)
+        return [log.summary() for log in logs]
 
 
 def _rows(path: Path, log: ExportedLog) -> Iterator[Mapping[str, Any]]:

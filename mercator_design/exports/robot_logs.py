@@ -6,7 +6,8 @@ channel.
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
@@ -124,7 +125,7 @@ class ExportedLog:
     counted: tuple[type[LogEvent], ...]
     unit: str
 
-    def __init__(self, start: LogStart, events: Iterator[LogEvent]) -> None:
+    def __init__(self, start: LogStart, events: Generator[LogEvent, None, None]) -> None:
         self.start, self._events = start, events
         self.robot = start.robot
         clock = start.clock if isinstance(start, RunStarted) else None
@@ -143,6 +144,10 @@ class ExportedLog:
             if isinstance(event, self.counted):
                 self._count += 1
             yield event
+
+    def close(self) -> None:
+        """Close the file of the log."""
+        self._events.close()
 
     def rows(self, event: LogEvent) -> Iterator[Row]:
         """The rows of an event in the table."""
@@ -174,7 +179,7 @@ class _Run(ExportedLog):
     counted = (CycleDone,)
     unit = "cycles"
 
-    def __init__(self, start: LogStart, events: Iterator[LogEvent]) -> None:
+    def __init__(self, start: LogStart, events: Generator[LogEvent, None, None]) -> None:
         super().__init__(start, events)
         self._pfsm, self._controller = controller_of(start)
 
@@ -289,8 +294,7 @@ def write_mcap(path: Path, file: BinaryIO) -> str:
 
     writer = Writer(file, enable_data_crcs=True)
     channels: dict[str, int] = {}
-    with understanding(path):
-        log = open_log(path)
+    with understanding(path), closing(open_log(path)) as log:
         writer.start(library=f"mercator-design {__version__}")
         start = {name: value for name, value in to_json(log.start).items() if name != "event"}
         writer.add_metadata(
@@ -309,7 +313,7 @@ def write_mcap(path: Path, file: BinaryIO) -> str:
 
 
 def open_log(path: Path) -> ExportedLog:
-    """A log of any kind; errors are those of `read`."""
+    """A log of any kind, to be closed; errors are those of `read`."""
     events = read(path, None)
     start = next(events)
     assert isinstance(start, LogStart)  # noqa: S101 - as `read` has seen

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -118,8 +119,7 @@ def read_logs(
 
 
 def _read_log(path: Path, warn: Warn) -> _RobotLog:
-    events = read(path)
-    with understanding(path):
+    with closing(read(path)) as events, understanding(path):
         start = next(events)
         assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
         pfsm, controller = controller_of(start)

@@ -23,7 +23,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -179,8 +179,8 @@ def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         yield to_line({**event, "line": number})
 
 
-def read(path: Path, kind: LogKind | None = "run") -> Iterator[LogEvent]:
-    """The events of a log; an incomplete last line is ignored.
+def read(path: Path, kind: LogKind | None = "run") -> Generator[LogEvent, None, None]:
+    """The events of a log; an incomplete last line is ignored. Who stops before the last one closes it.
 
     Args:
         path: The log.
@@ -258,8 +258,7 @@ def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator
     Raises:
         RobotError: as `read`, or if this version cannot have written the log.
     """
-    events = read(path)
-    with understanding(path):
+    with contextlib.closing(read(path)) as events, understanding(path):
         event = next(events)
         pfsm, controller = controller_of(event)
         for event in events:

@@ -489,7 +489,7 @@ class TestErrors:
         gc.disable()  # which would close it
         try:
             code, err = export(log)
-            files = [one for one in gc.get_objects() if isinstance(one, io.BufferedReader) and not one.closed]
+            files = [one for one in gc.get_objects() if type(one) is io.BufferedReader and not one.closed]
         finally:
             gc.enable()
         assert (code, words in err) == (1, True)

@@ -46,6 +46,8 @@ def interrupted(after):
 
     def trace(frame, event, _argument):
         nonlocal after, has_begun
+        if frame.f_globals["__name__"] in {"weakref", "_weakrefset"}:
+            return None  # Python drops what a callback of a weak reference raises; the brake is pulled before
         has_begun = has_begun or frame.f_code is in_control.__wrapped__.__code__
         after -= has_begun and event == "line"
         if after == 0 and callable(signal.getsignal(signal.SIGTERM)):

@@ -20,6 +20,7 @@ from mercator_design.race.analysis.ablation import Flips, Step, ablate
 from mercator_design.race.analysis.importance import Explanation, explain
 from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.task import Task
+from mercator_design.race.space.parameter import key_of
 from mercator_design.runs.files import check_configurations, read_journal, task_of
 
 
@@ -122,7 +123,7 @@ def ablation(
     if start is not None:
         flips = Flips(task.optimizer.space, winner)
         changes, configuration_of = flips.changes, flips.configuration
-        first_variant = task.optimizer.space.key(record.configurations[start])
+        first_variant = key_of(record.configurations[start])
     else:  # a variant is the set of the removed elements
         assert isinstance(task, Designer)  # noqa: S101 - checked above
         pfsm = to_pfsm(winner, task.flavour)

@@ -8,6 +8,7 @@ import pytest
 
 from mercator_design.race import parse_space
 from mercator_design.race.analysis.ablation import Flips, ablate
+from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines, uniform
 
@@ -48,7 +49,7 @@ def measuring(flips, noise=0.0):
 @pytest.fixture(scope="module")
 def steps():
     flips = Flips(SPACE, WINNER)
-    return ablate(SPACE.key(START), flips.changes, measuring(flips, 0.3), 20)
+    return ablate(key_of(START), flips.changes, measuring(flips, 0.3), 20)
 
 
 class TestPath:
@@ -85,21 +86,21 @@ def test_what_it_takes(k):
         n_measured += len(several) * len(instances)
         return [[1.0] * len(instances) for _ in several]
 
-    assert len(ablate(space.key(start), flips.changes, measure, 30)) == k + 1
+    assert len(ablate(key_of(start), flips.changes, measure, 30)) == k + 1
     assert n_measured == 30 * k * (k + 3) / 2
 
 
 def test_nothing_to_change():
     flips = Flips(SPACE, START)
-    [step] = ablate(SPACE.key(START), flips.changes, measuring(flips), 5)
+    [step] = ablate(key_of(START), flips.changes, measuring(flips), 5)
     assert (step.change, flips.configuration(step.variant)) == ("", START)
 
 
 def test_what_makes_no_difference():
     """Differences of 0 on all instances, and none beyond noise."""
     flips = Flips(SPACE, {**START, "none": 1.0})
-    assert ablate(SPACE.key(START), flips.changes, measuring(flips), 5)[1].p_value == 1
-    assert ablate(SPACE.key(START), flips.changes, measuring(flips, 1.0), 5)[1].p_value > 0.01
+    assert ablate(key_of(START), flips.changes, measuring(flips), 5)[1].p_value == 1
+    assert ablate(key_of(START), flips.changes, measuring(flips, 1.0), 5)[1].p_value > 0.01
 
 
 @pytest.mark.parametrize("space", [MIXED, machines()])
@@ -113,7 +114,7 @@ def test_every_path_is_of_valid_configurations_and_ends(space):
         def any_costs(several, instances, flips=flips):
             return [[float(zlib.crc32(repr(key).encode()) % 97)] * len(instances) for key in several]
 
-        steps = ablate(space.key(here), flips.changes, any_costs, 2)
+        steps = ablate(key_of(here), flips.changes, any_costs, 2)
         for step in steps:
             space.check(flips.configuration(step.variant))
         assert flips.configuration(steps[-1].variant) == target

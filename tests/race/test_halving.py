@@ -18,6 +18,7 @@ from mercator_design.race import (
     real,
 )
 from mercator_design.race.methods.table import METHODS
+from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines
 from tests.race.test_structure import SPACE as OF_PAIRS
@@ -67,7 +68,7 @@ class TestBudget:
             assert race.used == sum(summary.used for summary in race.iterations)
             assert all(summary.used <= summary.budget for summary in race.iterations)
             assert len({experiment for experiment, _ in told}) == len(told)
-            assert len({race.space.key(c) for c in race.configurations}) == len(race.configurations)
+            assert len({key_of(c) for c in race.configurations}) == len(race.configurations)
             assert race.stop_reason
             assert race.lookahead(9) == []
 

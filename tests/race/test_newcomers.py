@@ -9,6 +9,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Space, categorical, integer
 from mercator_design.race.candidates.newcomers import Newcomers
 from mercator_design.race.racing.history import RaceHistory
+from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost
 from tests.race.spaces import uniform
 from tests.race.test_structure import SPACE as OF_PAIRS
@@ -23,7 +24,7 @@ def draws(purpose):
 
 
 def keys(space, children):
-    return [space.key(configuration) for configuration, _ in children]
+    return [key_of(configuration) for configuration, _ in children]
 
 
 def ran(space, n=30, cost=mixed_cost):
@@ -37,7 +38,7 @@ def ran(space, n=30, cost=mixed_cost):
 
 def first(space, n, *, history=None, initial=(), simple=0.5, structure=True):
     newcomers = Newcomers(space, history or RaceHistory(space), structure=structure)
-    return newcomers.first(n, initial, simple=simple, generator=draws)
+    return newcomers.first(n, newcomers.simple(n, initial, simple, draws("simple")), draws("sampling"))
 
 
 def later(history, n, *, elites=(0, 1, 2), surrogate=0.5, structure=True):
@@ -55,7 +56,7 @@ class TestFirst:
         assert [c["a"] == c["b"] <= 30 for c in found[2:10]] == [True] * 8
         assert sum(c["a"] != c["b"] for c in found[10:]) > 8
         assert all(c["a"] <= c["b"] for c in found[2:])
-        assert len(found) == len(set(map(PAIRS.key, found))) == 22
+        assert len(found) == len(set(map(key_of, found))) == 22
 
     def test_they_have_no_parents(self):
         assert {parent for _, parent in first(MIXED, 20)} == {None}
@@ -116,7 +117,7 @@ class TestLater:
     def test_a_space_of_which_a_few_are_left(self, surrogate):
         space = Space([categorical("a", range(4)), integer("b", 1, 5)])
         history = ran(space, 12, cost=lambda c: c["b"])
-        known = set(map(space.key, history.configurations))
+        known = set(map(key_of, history.configurations))
         found = later(history, 50, surrogate=surrogate)
         assert found
         assert len(set(keys(space, found))) == len(found) <= 20 - len(known)

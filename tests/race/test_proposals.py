@@ -10,6 +10,7 @@ from mercator_design.race.candidates.proposals import MAX_LEARNT_FROM, Proposer
 from mercator_design.race.racing.additive_model import effects
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.encoding import Encoding
+from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import uniform
 
@@ -32,7 +33,7 @@ def test_the_variance_of_a_cost_is_estimated():
 
 
 def proposed(n, configurations, costs, *, excluded=lambda _: False, space=MIXED):
-    return Proposer(space, Encoding(space)).propose(
+    return Proposer(Encoding(space)).propose(
         n,
         [0, 1],
         RaceHistory(space, configurations=configurations, costs=costs),
@@ -49,7 +50,7 @@ def ran(n, seed=4):
 def test_proposals_are_valid_different_new_and_better_than_what_they_were_learnt_from():
     configurations, costs = ran(60)
     found = proposed(20, configurations, costs)
-    keys = {MIXED.key(c) for c, _ in found}
+    keys = {key_of(c) for c, _ in found}
     assert len(keys) == 20
     for configuration, parent in found:
         MIXED.check(configuration)
@@ -83,7 +84,7 @@ def test_nothing_runs_twice_as_another_configuration():
     space = Space([categorical("a", range(4)), integer("n", 1, 6)])
     race = Halving(space, budget=400, seed=1)
     run(race, cost=lambda c: int(c["a"]) + abs(c["n"] - 4) / 3)
-    keys = [space.key(c) for c in race.configurations]
+    keys = [key_of(c) for c in race.configurations]
     assert len(keys) == len(set(keys))
     assert race.configurations[race.best.configuration] == {"a": "0", "n": 4}
 

@@ -6,6 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.errors import RaceError
+from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.fsm.space.structure import PfsmStructure
+from mercator_design.race import Experiment, parse_space
 from mercator_design.race.methods.halving import Halving, HalvingOptions
 from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.journal import Journal, read
@@ -72,6 +75,28 @@ def test_it_makes_no_difference(jobs):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
+def test_given_ones_run_while_others_are_sampled(jobs):
+    initial = [{"x": float(k), "y": 0.0, "rule": "fast"} for k in range(-4, 5)]
+    race = Slow(initial=initial)
+    record, _ = raced(race, jobs)
+    assert race.came[: len(initial)] == [Experiment(number, 0) for number in range(len(initial))]
+    assert record.digest() == undisturbed(race=Halving(SPACE, budget=BUDGET, seed=1, initial=initial)).digest()
+
+
+@pytest.mark.parametrize("budget", [24, BUDGET])
+def test_simple_ones_run_while_others_are_sampled(budget):
+    space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+    race = Halving(space, budget=budget, seed=1)
+    upcoming = race.upcoming
+    batch = race.ask()
+    n = len({one.configuration for one in upcoming.experiments})
+    assert 0.6 < n / len(race.configurations) < 0.8
+    assert [one for one in batch if one.configuration < n] == upcoming.experiments
+    assert race.configurations[:n] == [*upcoming.configurations.values()]
+    assert race.upcoming is None
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
 def test_a_wrong_number_costs_time_only(jobs):
     class Wrong(Slow):
         def tell(self, costs):
@@ -81,7 +106,7 @@ def test_a_wrong_number_costs_time_only(jobs):
                 new = [c for n, c in self.upcoming.configurations.items() if n not in known]
                 numbers = [n for n in self.upcoming.configurations if n not in known]
                 turned = dict(zip(numbers, [*new[1:], *new[:1]], strict=True))
-                self.upcoming = self.upcoming._replace(configurations={**known, **turned})
+                self._upcoming = self.upcoming._replace(configurations={**known, **turned})
 
     race = Wrong()
     record, ran = raced(race, jobs)

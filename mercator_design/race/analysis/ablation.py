@@ -17,7 +17,7 @@ import numpy as np
 
 from mercator_design.race.analysis.pairs import paired_p_value
 from mercator_design.race.racing.statistics import holm
-from mercator_design.race.space.parameter import Bounds, Configuration, Parameter, Value
+from mercator_design.race.space.parameter import Bounds, Configuration, Key, Parameter, Value, key_of
 from mercator_design.race.space.space import Space
 
 C = TypeVar("C", bound=Hashable)
@@ -82,24 +82,25 @@ class Flips:
         self._space = space
         self._target = target
 
-    def changes(self, key: tuple[Value | None, ...]) -> dict[tuple[Value | None, ...], str]:
+    def changes(self, key: Key) -> dict[Key, str]:
         """The variants after one more change, for `ablate`."""
         here = self.configuration(key)
-        found: dict[tuple[Value | None, ...], str] = {}
+        found: dict[Key, str] = {}
         for parameter in self._space.parameters:
             old, new = here.get(parameter.name), self._target.get(parameter.name)
             if old is None or new is None or old == new:
                 continue
             changed = self._space.build(self._choice({**self._target, **here, parameter.name: new}))
             if self._distance(changed) < self._distance(here) and not self._space.is_forbidden(changed):
-                found.setdefault(self._space.key(changed), _description(parameter.name, here, changed))
-        if not found and self._space.key(self._target) != key:  # no single change is possible
-            found[self._space.key(self._target)] = "all that is left"
+                found.setdefault(key_of(changed), _description(parameter.name, here, changed))
+        if not found and key_of(self._target) != key:  # no single change is possible
+            found[key_of(self._target)] = "all that is left"
         return found
 
-    def configuration(self, key: tuple[Value | None, ...]) -> Configuration:
+    def configuration(self, key: Key) -> Configuration:
         """The configuration of a key."""
-        return {p.name: value for p, value in zip(self._space.parameters, key, strict=True) if value is not None}
+        values = dict(key)
+        return {p.name: values[p.name] for p in self._space.parameters if p.name in values}
 
     def _distance(self, configuration: Configuration) -> int:
         """The number of the target's values that a configuration does not have."""

@@ -8,9 +8,9 @@ from mercator_design.errors import RaceError
 from mercator_design.race.candidates.moves import Moves
 from mercator_design.race.candidates.proposals import Proposer
 from mercator_design.race.candidates.sampling import even_sample, latin_hypercube
-from mercator_design.race.racing.history import Key, RaceHistory
+from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.encoding import Encoding
-from mercator_design.race.space.parameter import Configuration
+from mercator_design.race.space.parameter import Configuration, Key, key_of
 from mercator_design.race.space.space import Space
 
 Child = tuple[Configuration, int | None]
@@ -36,29 +36,39 @@ class Newcomers:
         self._encoding = Encoding(space)
         self._proposer: Proposer | None = None
 
-    def first(
-        self, n: int, initial: Sequence[Configuration], *, simple: float, generator: Callable[[str], Generator]
-    ) -> list[Child]:
-        """Up to n configurations without parents: given ones, simple ones, and those of a Latin hypercube.
+    def simple(self, n: int, initial: Sequence[Configuration], part: float, draws: Generator) -> list[Child]:
+        """Up to n configurations without parents: given ones, and simple ones if the space's structure knows any.
+
+        Args:
+            n: Maximum number of configurations for which there is room.
+            initial: The given ones.
+            part: Part of the room left by the given ones that is for simple ones.
+            draws: Makes all random draws.
+        """
+        found = _Different(self._is_possible)
+        found.add((one, None) for one in initial[:n])
+        found.add(self._simple(len(found.children) + round(part * (n - len(found.children))), found, draws))
+        return found.children
+
+    def first(self, n: int, simple: Sequence[Child], draws: Generator) -> list[Child]:
+        """Up to n configurations without parents: those of `simple`, then those of a Latin hypercube.
 
         Args:
             n: Maximum number.
-            initial: The given ones.
-            simple: Part of the others that are simple ones, if the space's structure knows any.
-            generator: Returns the generator of a purpose.
+            simple: What `simple` has returned.
+            draws: Makes all random draws.
 
         Raises:
             RaceError: All configurations of the hypercube are excluded, and there are no others.
         """
-        found = _Different(self._space, self._is_possible)
-        found.add((one, None) for one in initial[:n])
-        found.add(self._simple(len(found.children) + round(simple * (n - len(found.children))), found, generator))
+        found = _Different(self._is_possible)
+        found.add(simple)
         if (n_left := n - len(found.children)) > 0:
             try:
                 sampled = even_sample(
                     self._space,
                     n_left,
-                    generator("sampling"),
+                    draws,
                     lambda one: not found.accepts(self._canonical(one)),
                     latin_hypercube,
                 )
@@ -77,7 +87,7 @@ class Newcomers:
             elites: Numbers of the elites.
             draws: Makes all random draws.
         """
-        found = _Different(self._space, self._is_possible)
+        found = _Different(self._is_possible)
         found.add(self._moved(n, elites, draws))
         return found.children
 
@@ -101,10 +111,10 @@ class Newcomers:
             proposals: Makes the random draws of the surrogate.
             draws: Makes those of further neighbours.
         """
-        found = _Different(self._space, self._is_possible)
+        found = _Different(self._is_possible)
         if n_proposed:
             if self._proposer is None:  # made late: finding BLAS and the features of a space takes time
-                self._proposer = Proposer(self._space, self._encoding, self._structure)
+                self._proposer = Proposer(self._encoding, self._structure)
             found.add(
                 self._proposer.propose(
                     n_proposed,
@@ -128,11 +138,11 @@ class Newcomers:
     def _canonical(self, configuration: Configuration) -> Configuration:
         return configuration if self._structure is None else self._structure.canonical(configuration)
 
-    def _simple(self, n: int, found: "_Different", generator: Callable[[str], Generator]) -> Iterable[Child]:
+    def _simple(self, n: int, found: "_Different", draws: Generator) -> Iterable[Child]:
         """Simple configurations, until so many were found or a round gives nothing new."""
         if self._structure is None:
             return
-        draws, n_before = generator("simple"), -1
+        n_before = -1
         while n_before < len(found.children) < n:
             n_before = len(found.children)
             for one in self._structure.simple(draws):
@@ -156,19 +166,18 @@ class Newcomers:
 class _Different:
     """Children with different configurations that are possible."""
 
-    def __init__(self, space: Space, is_possible: Callable[[Configuration], bool]) -> None:
+    def __init__(self, is_possible: Callable[[Configuration], bool]) -> None:
         self.children: list[Child] = []
-        self._key = space.key
         self._keys: set[Key] = set()
         self._is_possible = is_possible
 
     def accepts(self, configuration: Configuration) -> bool:
         """Whether a configuration is possible and not yet there."""
-        return self._key(configuration) not in self._keys and self._is_possible(configuration)
+        return key_of(configuration) not in self._keys and self._is_possible(configuration)
 
     def add(self, children: Iterable[Child]) -> None:
         """Add children that are accepted; a generator sees each before it gives the next."""
         for child in children:
             if self.accepts(child[0]):
-                self._keys.add(self._key(child[0]))
+                self._keys.add(key_of(child[0]))
                 self.children.append(child)

@@ -22,8 +22,8 @@ from mercator_design.race.candidates.surrogate import Features, Surrogate
 from mercator_design.race.racing.additive_model import effects, table
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.space.encoding import Encoding
-from mercator_design.race.space.parameter import Configuration, Value
-from mercator_design.race.space.space import Space, Structure
+from mercator_design.race.space.parameter import Configuration, Key, key_of
+from mercator_design.race.space.space import Structure
 
 MAX_LEARNT_FROM = 200
 """Maximum number of configurations to learn from: half are those with most results, half the newest."""
@@ -50,13 +50,11 @@ class Proposer:
     """Proposes configurations of a space.
 
     Args:
-        space: The space of the configurations.
         encoding: Of its configurations as rows.
         structure: Makes a part of the mutations, if there is one.
     """
 
-    def __init__(self, space: Space, encoding: Encoding, structure: Structure | None = None) -> None:
-        self._space = space
+    def __init__(self, encoding: Encoding, structure: Structure | None = None) -> None:
         self._structure = structure
         self._in_structure = 0.0 if structure is None else _IN_STRUCTURE
         self._encoding = encoding
@@ -161,7 +159,7 @@ class Proposer:
     ) -> dict[int, Configuration]:
         """The best candidate for each sampled function that is not excluded, with its place."""
         found: dict[int, Configuration] = {}
-        keys: set[tuple[Value | None, ...]] = set()
+        keys: set[Key] = set()
         is_left = np.ones(len(candidates), dtype=bool)
         for values in sampled:
             while is_left.any():
@@ -170,7 +168,7 @@ class Proposer:
                 child = self._encoding.configuration(candidates[k])
                 if self._structure is not None:
                     child = self._structure.canonical(child)
-                key = self._space.key(child)
+                key = key_of(child)
                 if key not in keys and not excluded(child):
                     found[k] = child
                     keys.add(key)

@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
-from mercator_design.race.space.parameter import Configuration, Parameter, Value
+from mercator_design.race.space.parameter import Configuration, Key, Parameter, Value, key_of
 from mercator_design.race.space.space import Space
 
 Points = Callable[[int, int, Generator], Floats]
@@ -143,8 +143,8 @@ def _different(space: Space, points: Floats, excluded: Callable[[Configuration],
     def at(point: list[float]) -> Configuration:
         return space.build(lambda parameter, bounds: parameter.quantile(point[columns[parameter.name]], bounds))
 
-    found: dict[tuple[Value | None, ...], Configuration] = {}
+    found: dict[Key, Configuration] = {}
     for configuration in map(at, points.tolist()):
         if not excluded(configuration):
-            found.setdefault(space.key(configuration), configuration)
+            found.setdefault(key_of(configuration), configuration)
     return list(found.values())

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.irace.scenario_text import read_text
-from mercator_design.race.space.parameter import Configuration, Parameter, Value
+from mercator_design.race.space.parameter import Configuration, Key, Parameter, Value, key_of
 from mercator_design.race.space.r_operators import number, number_text
 from mercator_design.race.space.space import Space
 
@@ -52,7 +52,7 @@ def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], 
             raise RaceError(f"{path}:{number}: expected names of parameters, found '{excerpt(name)}'")
         if names.count(name) > 1:
             raise RaceError(f"{path}:{number}: expected each parameter once, found '{excerpt(name)}' twice")
-    found: dict[tuple[Value | None, ...], tuple[int, Configuration]] = {}
+    found: dict[Key, tuple[int, Configuration]] = {}
     notes = [
         f"{path}:{number}: irace expects a column for parameter '{parameter.name}'"
         for parameter in space.variable
@@ -66,7 +66,7 @@ def read_configurations(path: Path, space: Space) -> tuple[list[Configuration], 
             configuration = _configuration(space, dict(zip(names, words[n_row_names:], strict=True)))
         except RaceError as error:
             raise RaceError(f"{path}:{number}: {error}") from None
-        key = space.key(configuration)
+        key = key_of(configuration)
         if key in found:
             raise RaceError(f"{path}:{number}: expected another configuration, found that of line {found[key][0]}")
         if space.is_forbidden(configuration):

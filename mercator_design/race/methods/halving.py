@@ -23,7 +23,7 @@ from mercator_design.race.racing.additive_model import expected, table
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import ALL_REJECTED, Experiment
 from mercator_design.race.racing.summary import IterationSummary
-from mercator_design.race.space.parameter import Value
+from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 
 MIN_BUDGET = 20
@@ -149,7 +149,7 @@ class Halving(Optimizer):
         reserved = int(self.options.confirmation * (self.budget - self.used))
         size = self._size
         if not self.elites:
-            children = self._first_children(self.budget - reserved)
+            children = yield from self._first_children(self.budget - reserved)
             left = self.budget - reserved - self._n_experiments(len(children))
             self._n_iterations = 1 + max(left // self._n_experiments(self.options.elites + size), 0)
             yield from self._generation([], self.history.add(children))
@@ -170,13 +170,17 @@ class Halving(Optimizer):
         self._n_iterations = self.iteration
         yield from self._confirm()
 
-    def _first_children(self, max_experiments: int) -> list[Child]:
+    def _first_children(self, max_experiments: int) -> Generator[Upcoming, object, list[Child]]:
+        """The first configurations. The given and simple ones are upcoming before the others are sampled."""
         n = min(max(int(self.options.first * self.budget / 2), 2), _MAX_FIRST)
         n = self._n_first(n, max_experiments)
         if n < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first generation")
         self.iteration = 1
-        children = self._newcomers.first(n, self._initial, simple=self.options.simple, generator=self._generator)
+        simple = self._newcomers.simple(n, self._initial, self.options.simple, self._generator("simple"))
+        if 0 < len(simple) < n:
+            yield self._in_first_rung(dict(enumerate(child for child, _ in simple)), n)
+        children = self._newcomers.first(n, simple, self._generator("sampling"))
         if len(children) < 2:
             raise RaceError("space: expected several different configurations to be allowed, found one")
         return children[: self._n_first(len(children), max_experiments)]
@@ -189,10 +193,7 @@ class Halving(Optimizer):
         if n_proposed:
             known = {number: self.configurations[number] for number in elites}
             new = enumerate((child for child, _ in neighbours), start=len(self.configurations) + n_proposed)
-            configurations = {**known, **dict(new)}
-            instances = range(self._n_seen, self._n_seen + self._rungs(len(elites) + n)[0].n_instances)
-            experiments = [Experiment(number, instance) for instance in instances for number in configurations]
-            yield Upcoming(experiments, configurations)
+            yield self._in_first_rung({**known, **dict(new)}, len(elites) + n)
         return self._newcomers.later(
             n,
             elites,
@@ -201,6 +202,12 @@ class Halving(Optimizer):
             proposals=self._generator("proposals"),
             draws=draws,
         )
+
+    def _in_first_rung(self, configurations: Mapping[int, Configuration], n: int) -> Upcoming:
+        """Configurations in the first rung of a generation that begins with n."""
+        instances = range(self._n_seen, self._n_seen + self._rungs(n)[0].n_instances)
+        experiments = [Experiment(number, instance) for instance in instances for number in configurations]
+        return Upcoming(experiments, configurations)
 
     def _generation(self, elites: Sequence[int], newcomers: Sequence[int]) -> Batches:
         """Run elites and newcomers on new instances; drop the worse half after each rung, until a few are left."""

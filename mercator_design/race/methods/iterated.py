@@ -16,7 +16,7 @@ from mercator_design.race.racing.planning import IterationPlan, Planner
 from mercator_design.race.racing.postselection import select_candidates
 from mercator_design.race.racing.race import EliminationRace, Experiment
 from mercator_design.race.racing.summary import IterationSummary, Progress
-from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.parameter import Configuration, Value, key_of
 from mercator_design.race.space.space import Space
 
 
@@ -127,14 +127,14 @@ class IteratedRace(Optimizer):
         initial = self._initial[:n]
         if len(initial) < len(self._initial):
             self.notes.append(f"only {n} of {len(self._initial)} initial configurations fit in the first iteration")
-        present = {self.space.key(configuration) for configuration in initial}
+        present = {key_of(configuration) for configuration in initial}
         sampled: list[Configuration] = []
         if len(initial) < n:
             sampled = even_sample(
                 self.space,
                 n - len(initial),
                 self._generator("sampling"),
-                lambda c: self.history.is_excluded(c) or self.space.key(c) in present,
+                lambda c: self.history.is_excluded(c) or key_of(c) in present,
                 sobol_sequence,
             )
         self._limit_survivors(len(initial + sampled))

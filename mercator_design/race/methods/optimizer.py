@@ -15,7 +15,7 @@ from mercator_design.errors import RaceError, described
 from mercator_design.race.racing.history import RaceHistory
 from mercator_design.race.racing.race import Experiment, check_costs
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
-from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.parameter import Configuration, Key, Value, key_of
 from mercator_design.race.space.space import Space
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ class Optimizer(ABC):
         history: Configurations, costs and elites.
         notes: Notes for the user, for example on a reduced plan.
         iteration: The current one, from 1; 0 before the first `ask`.
-        upcoming: What `ask` will most probably give, while it has to propose configurations; else None.
         stop_reason: Why there are no more iterations; None while there may be.
 
     Raises:
@@ -71,7 +70,7 @@ class Optimizer(ABC):
         self._n_iterations = 0
         self._alive: list[int] = []  # of the current iteration, while it runs
         self._best: Elite | None = None  # of the current iteration, where it is known
-        self.upcoming: Upcoming | None = None
+        self._upcoming: Upcoming | None = None
         self._batches = self._run()
         self._batch: list[Experiment] | None = None
         self._error: RaceError | None = None
@@ -156,6 +155,17 @@ class Optimizer(ABC):
         """The costs of a configuration so far, by instance."""
         return dict(self.history.costs[configuration])
 
+    @property
+    def upcoming(self) -> Upcoming | None:
+        """What `ask` will most probably give, if it has to propose other configurations first; else None.
+
+        Raises:
+            RaceError: As `ask`.
+        """
+        if self._batch is None and self._upcoming is None:
+            self._advance(lambda: next(self._batches))
+        return self._upcoming
+
     def ask(self) -> list[Experiment]:
         """The next experiments; the same until `tell` has their costs; none at the end.
 
@@ -199,9 +209,9 @@ class Optimizer(ABC):
             raise self._error
         try:
             found = step()
-            self._batch, self.upcoming = (None, found) if isinstance(found, Upcoming) else (found, None)
+            self._batch, self._upcoming = (None, found) if isinstance(found, Upcoming) else (found, None)
         except StopIteration:
-            self._batch, self.upcoming = [], None
+            self._batch, self._upcoming = [], None
         except BaseException as error:
             self._batch = None
             self._error = (
@@ -224,16 +234,16 @@ class Optimizer(ABC):
         Raises:
             RaceError: One is not valid, or given twice.
         """
-        found: dict[tuple[Value | None, ...], Configuration] = {}
+        found: dict[Key, Configuration] = {}
         for number, given in enumerate(initial, start=1):
             configuration = dict(given)
             try:
                 self.space.check(configuration)
             except RaceError as error:
                 raise RaceError(f"initial configuration {number}: {error}") from None
-            if self.space.key(configuration) in found:
+            if key_of(configuration) in found:
                 raise RaceError(f"initial configuration {number}: expected a new one, found it twice")
-            found[self.space.key(configuration)] = configuration
+            found[key_of(configuration)] = configuration
         return list(found.values())
 
     def _generator(self, purpose: str) -> np.random.Generator:

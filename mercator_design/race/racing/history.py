@@ -4,18 +4,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import TypeAlias
 
 import numpy as np
 
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.stagnation import judged
 from mercator_design.race.racing.summary import Elite, IterationSummary
-from mercator_design.race.space.parameter import Configuration, Value
+from mercator_design.race.space.parameter import Configuration, Key, key_of
 from mercator_design.race.space.space import Space
-
-Key: TypeAlias = tuple[Value | None, ...]
-"""Equal configurations have equal keys."""
 
 
 @dataclass(slots=True, eq=False)
@@ -46,14 +42,14 @@ class RaceHistory:
         first = len(self.configurations)
         for number, (configuration, parent) in enumerate(children, start=first):
             self.configurations.append(configuration)
-            self._numbers.setdefault(self.space.key(configuration), number)
+            self._numbers.setdefault(key_of(configuration), number)
             self.parents.append(parent)
             self.costs.append({})
         return list(range(first, len(self.configurations)))
 
     def number(self, configuration: Configuration) -> int | None:
         """The number of a configuration; None if it is new."""
-        return self._numbers.get(self.space.key(configuration))
+        return self._numbers.get(key_of(configuration))
 
     def record(self, experiments: Sequence[Experiment], costs: Sequence[float]) -> None:
         """Record the costs of experiments."""
@@ -74,12 +70,12 @@ class RaceHistory:
 
     def is_rejected(self, number: int) -> bool:
         """Whether a configuration, or an equal one, has had an infinite cost."""
-        return bool(self._rejected) and self.space.key(self.configurations[number]) in self._rejected
+        return bool(self._rejected) and key_of(self.configurations[number]) in self._rejected
 
     def is_excluded(self, configuration: Configuration) -> bool:
         """Whether a configuration may not run, because it is forbidden or was rejected."""
         return self.space.is_forbidden(configuration) or (
-            bool(self._rejected) and self.space.key(configuration) in self._rejected
+            bool(self._rejected) and key_of(configuration) in self._rejected
         )
 
     @property
@@ -97,7 +93,7 @@ class RaceHistory:
         """The first of each set of equal configurations."""
         found: dict[Key, int] = {}
         for number in numbers:
-            found.setdefault(self.space.key(self.configurations[number]), number)
+            found.setdefault(key_of(self.configurations[number]), number)
         return list(found.values())
 
     def conclude(self, summary: IterationSummary, newcomers: Sequence[int], budget: int) -> None:
@@ -112,4 +108,4 @@ class RaceHistory:
         for experiment, cost in costs:
             self.costs[experiment.configuration][experiment.instance] = cost
             if math.isinf(cost):
-                self._rejected.add(self.space.key(self.configurations[experiment.configuration]))
+                self._rejected.add(key_of(self.configurations[experiment.configuration]))

@@ -16,6 +16,8 @@ from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_t
 
 Value = str | int | float
 Configuration = dict[str, Value]
+Key = frozenset[tuple[str, Value]]
+"""Equal configurations have equal keys."""
 Kind = Literal["categorical", "ordered", "integer", "real"]
 Bounds = tuple[float, float]
 
@@ -23,6 +25,11 @@ DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
 MAX_DIGITS = 15
 """With more decimal places a value would be rounded by its floating-point format (irace)."""
+
+
+def key_of(configuration: Mapping[str, Value]) -> Key:
+    """The key of a configuration, which does not depend on the order of its parameters."""
+    return frozenset(configuration.items())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

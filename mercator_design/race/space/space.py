@@ -176,10 +176,6 @@ class Space:
         """Whether a forbidden expression is true; NA is not."""
         return any(expression.holds(configuration) for expression in self.forbidden)
 
-    def key(self, configuration: Mapping[str, Value]) -> tuple[Value | None, ...]:
-        """The values in file order, None for inactive parameters; equal configurations have equal keys."""
-        return tuple(map(configuration.get, self._by_name))
-
     def command_line(self, configuration: Mapping[str, Value]) -> str:
         """The switches and values joined by blanks, as irace passes them to a program."""
         words = []

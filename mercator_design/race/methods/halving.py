@@ -139,8 +139,8 @@ class Halving(Optimizer):
         return set(self.history.former_elites)
 
     def lookahead(self, n: int) -> list[Experiment]:
-        """On the next instances, those that would go on by their results before the current batch."""
-        likely = by_expectation(self.history, self._alive)[: self._next.n]
+        """On the next instances, those that would go on by the order before the current batch."""
+        likely = [number for number in self._alive if self.history.costs[number]][: self._next.n]
         instances = range(self._n_seen, self._n_seen + self._next.n_instances)
         experiments = [Experiment(number, instance) for instance in instances for number in likely]
         return experiments[: min(n, self.budget - self.used - len(self._batch or []))]

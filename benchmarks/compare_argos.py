@@ -34,7 +34,7 @@ from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
 from mercator_design.errors import MercatorError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
 from mercator_design.sim.robot_model import load_robot_model
 
 FREE = 1e-4  # [m], [rad] wanted before robots touch each other

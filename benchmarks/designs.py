@@ -18,9 +18,9 @@ from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.race import parse_space
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 

@@ -39,8 +39,8 @@ from scipy.optimize import brentq, minimize_scalar
 from mercator_design.config import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.race.running.executors import available_jobs, in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.executor import available_jobs, in_order
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "expected_scores.json"

@@ -49,11 +49,12 @@ from benchmarks.virtual_workers import Drawn, VirtualExecutor
 from mercator_design import jit
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.executors.executor import Executor, Failed
+from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.race.executors.threads import Stepped, ThreadExecutor
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import Executor, Failed, ProcessExecutor
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import Stepped, ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 
 T = TypeVar("T")
@@ -206,7 +207,7 @@ def executor_of(kind: str, jobs: int) -> Iterator[TimedExecutor]:
         else:
             from distributed import LocalCluster
 
-            from mercator_design.race.running.dask_executor import DaskExecutor
+            from mercator_design.race.executors.dask import DaskExecutor
 
             cluster = stack.enter_context(
                 LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=":0", silence_logs="error")

@@ -36,7 +36,7 @@ from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejec
 from mercator_design.fsm import Readings, parse
 from mercator_design.jit import jittable
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.scene import Scene

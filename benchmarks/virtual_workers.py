@@ -8,9 +8,9 @@ from mercator_design import seeds
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.race import Configuration, Experiment, parse_space
+from mercator_design.race.executors.executor import Failed
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import Failed
 from mercator_design.race.running.task import Problem
 
 T = TypeVar("T")

@@ -13,14 +13,14 @@ from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.race.executors.executor import Executor, available_jobs, in_order
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Event
-from mercator_design.race.running.executors import Executor, available_jobs, in_order
 from mercator_design.race.running.outcome import OnFailure
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator

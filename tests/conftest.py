@@ -15,7 +15,7 @@ from hypothesis import settings
 from mercator_design import jit
 from mercator_design.cli import main
 from mercator_design.missions import plugins
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
 from tests.view.browser import browser
 
 # A first example may compile a kernel, so its time says nothing.

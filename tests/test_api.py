@@ -13,8 +13,8 @@ import pytest
 import mercator_design as md
 from mercator_design.cli.evaluate import fresh_instances
 from mercator_design.errors import RaceError, SimulationError
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.runs.files import read_journal
 
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20"

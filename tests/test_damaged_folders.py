@@ -21,10 +21,10 @@ from mercator_design.analysis import analysis
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running import journal
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.runs import run_summary, runs_json, runs_table
 from mercator_design.runs import folder as run_folder
 from mercator_design.runs import tables

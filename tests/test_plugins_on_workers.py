@@ -12,9 +12,10 @@ from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import load_plugin
-from mercator_design.race.running.dask_executor import DaskExecutor
-from mercator_design.race.running.executors import ProcessExecutor, WorkerUnfit, in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.dask import DaskExecutor
+from mercator_design.race.executors.executor import WorkerUnfit, in_order
+from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 from tests.race.work import process_of
 

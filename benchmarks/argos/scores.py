@@ -30,8 +30,8 @@ from benchmarks.two_samples import FALSE_DISCOVERIES, mann_whitney, rejected, vi
 from mercator_design.config.colours import ColourName, rgb
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
-from mercator_design.race.running.executors import in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.executor import in_order
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator

@@ -18,7 +18,7 @@ from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.race import Configuration, Experiment, Space, integer
 from mercator_design.race.analysis.ablation import Flips, Step, ablate
 from mercator_design.race.analysis.importance import Explanation, explain
-from mercator_design.race.running.executors import Executor, in_order
+from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.running.task import Task
 from mercator_design.race.space.parameter import key_of
 from mercator_design.runs.files import check_configurations, read_journal, task_of

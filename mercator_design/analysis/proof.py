@@ -22,9 +22,9 @@ from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.race.analysis.pairs import Pair, compared
+from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import Number
-from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.record import Record
 from mercator_design.seeds import generator, instance_seed
 from mercator_design.system.files import write_text, writing

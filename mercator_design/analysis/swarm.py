@@ -9,9 +9,9 @@ import numpy as np
 from mercator_design.api import Evaluation
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
+from mercator_design.race.executors.executor import available_jobs, in_order
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.executors import available_jobs, in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.sim.labels import floor_labels, label_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.machines.occupancy import occupancy

@@ -18,7 +18,7 @@ from mercator_design.exports.irace_scenario import write_irace_scenario
 from mercator_design.exports.robot_log_table import write_csv
 from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
 from mercator_design.runs.files import read_journal, task_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import replacing, writing

@@ -79,7 +79,7 @@ class Interrupt:
     def __exit__(self, _: object, error: object, __: object) -> None:
         for number, handler in self._usual.items():
             signal.signal(number, handler)
-        from mercator_design.race.running.executors import ExecutorStopped  # not for `terminable`: numpy comes with it
+        from mercator_design.race.executors.executor import ExecutorStopped  # not for `terminable`: numpy comes with it
 
         if isinstance(error, ExecutorStopped):
             self.check(self._stopped)

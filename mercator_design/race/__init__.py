@@ -12,12 +12,14 @@ the configurations with the lowest mean cost.
 
 The rooms, from the bottom up:
 
-    space/     parameters, their domains and conditions
-    irace/     irace's files, and a race of any program that irace's scenario.txt describes
-    racing/    one race: statistical tests, budget, options
-    methods/   the optimizers by name
-    running/   executors, journal and task: for races with folders and workers
-    analysis/  importance of parameters, ablation
+    space/       parameters, their domains and conditions
+    irace/       irace's files, and a race of any program that irace's scenario.txt describes
+    racing/      one race: statistical tests, budget, options
+    candidates/  new configurations: samples, moves, proposals
+    methods/     the optimizers by name
+    executors/   threads, processes or a cluster that run experiments
+    running/     runner, journal and task: for races with folders and workers
+    analysis/    importance of parameters, ablation
 
 >>> from mercator_design.race import Halving, parse_space
 >>> space = parse_space('''

@@ -6,8 +6,8 @@ from typing import Any
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment
+from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.running.events import ExperimentDone, TestDone
-from mercator_design.race.running.executors import Executor, in_order
 from mercator_design.race.running.task import Task
 from mercator_design.runs.files import JOURNAL, check_configurations, read_journal, wrong_end
 

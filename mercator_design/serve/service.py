@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.designs import Designs
 from mercator_design.serve.desk.desk import Desk

@@ -9,8 +9,9 @@ import time
 
 import pytest
 
-from mercator_design.race.running.executors import Failed, Items, ProcessExecutor, in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.executor import Failed, Items, in_order
+from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.race.executors.threads import ThreadExecutor
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
@@ -163,7 +164,7 @@ class TestWorkers:
         script.write_text(
             """
 import os, time
-from mercator_design.race.running.executors import ProcessExecutor
+from mercator_design.race.executors.processes import ProcessExecutor
 
 def work(seconds):
     print(os.getpid(), flush=True)
@@ -189,7 +190,8 @@ def test_functions_of_a_script_reach_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         """
-from mercator_design.race.running.executors import ProcessExecutor, in_order
+from mercator_design.race.executors.executor import in_order
+from mercator_design.race.executors.processes import ProcessExecutor
 
 def square(x):
     return x * x

@@ -17,6 +17,8 @@ import pytest
 from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace
+from mercator_design.race.executors.executor import ExecutorStopped
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running import evaluation, journal
 from mercator_design.race.running.events import (
     BudgetExtended,
@@ -28,11 +30,9 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     event_of,
 )
-from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.journal import Journal, is_locked, read
 from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.processes import started
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed

@@ -11,11 +11,11 @@ import pytest
 from mercator_design.cli.races.race import race as command
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Halving, Space, categorical, integer, ordered, real
+from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.executors import ProcessExecutor
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.racing import SPACE, measure, runner

@@ -5,9 +5,9 @@ from functools import partial
 from benchmarks import race_throughput
 from benchmarks.race_throughput import TimedExecutor, free_share, measure, simulate_workers
 from benchmarks.virtual_workers import Drawn, VirtualExecutor
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.sim import simulate
 
 

@@ -3,10 +3,10 @@
 import pytest
 
 from mercator_design.race import IteratedRace
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.standing import Standing
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.race.racing import BUDGET, SPACE, runner
 
 

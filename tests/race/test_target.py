@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.race.executors.executor import Rejected, attempt
 from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
-from mercator_design.race.running.executors import Rejected, attempt
 from tests.processes import LIMIT, wait_until
 
 CALL = Call(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")

@@ -9,11 +9,11 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.race import Experiment, parse_space
+from mercator_design.race.executors.executor import ExecutorStopped
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.halving import Halving, HalvingOptions
-from mercator_design.race.running.executors import ExecutorStopped
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, places, runner, undisturbed
 

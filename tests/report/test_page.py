@@ -20,10 +20,10 @@ from mercator_design.analysis.proof import PROOF, Contestant, Proof, prove, read
 from mercator_design.cli.races import reporting
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.text import parse, to_text
+from mercator_design.race.executors.executor import ExecutorStopped
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.racing.statistics import holm
 from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.executors import ExecutorStopped
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.iterations import incumbents
 from mercator_design.report.page import importance as importances
 from mercator_design.report.page import page as pages

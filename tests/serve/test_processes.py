@@ -8,7 +8,7 @@ import pytest
 from mercator_design.serve.jobs.processes import Launcher, last_messages
 from mercator_design.serve.jobs.store import OUTPUT
 from tests.processes import wait_until
-from tests.race.test_dask_executor import local_cluster
+from tests.race.test_dask import local_cluster
 
 
 def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path, monkeypatch):

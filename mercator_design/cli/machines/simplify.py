@@ -23,8 +23,8 @@ from mercator_design.command import (
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
-from mercator_design.race.running.executors import available_jobs, in_order
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.executor import available_jobs, in_order
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.report.progress import Display
 from mercator_design.report.simplification import evidence, simplification_page
 from mercator_design.seeds import instance_seed

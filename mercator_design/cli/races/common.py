@@ -16,6 +16,7 @@ from mercator_design.cli.races.reporting import write_report
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.errors import described
+from mercator_design.race.executors.executor import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import (
@@ -26,7 +27,6 @@ from mercator_design.race.running.events import (
     TestDone,
     to_json,
 )
-from mercator_design.race.running.executors import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.running.optuna_mirror import OptunaMirror
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.running.runner import RaceRun

@@ -28,10 +28,11 @@ from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_note
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.executors.executor import Executor, available_jobs
+from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.executors import Executor, ProcessExecutor, available_jobs
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.runs.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
@@ -163,7 +164,7 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     if timeout is not None and name != "processes":
         raise click.UsageError("--timeout needs --executor processes: only a process can be killed")
     if scheduler is not None:
-        from mercator_design.race.running.dask_executor import DaskExecutor
+        from mercator_design.race.executors.dask import DaskExecutor
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
         return DaskExecutor(scheduler, jobs, announce=lambda what: print_note(f"Note: {what}"))

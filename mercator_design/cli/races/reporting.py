@@ -9,9 +9,9 @@ import click
 from mercator_design.analysis.proof import Proof, default_runs, prove, read_proof
 from mercator_design.command import print_note
 from mercator_design.errors import RaceError
-from mercator_design.race.running.executors import available_jobs
+from mercator_design.race.executors.executor import available_jobs
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.task import Task
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.page import MAX_SIZE, REPORT, report_page
 from mercator_design.report.progress import Display, Mode

@@ -12,8 +12,8 @@ from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
-from mercator_design.race.running.executors import available_jobs
-from mercator_design.race.running.thread_executor import ThreadExecutor
+from mercator_design.race.executors.executor import available_jobs
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.report.analysis import (
     ABLATION,
     ablation_csv,

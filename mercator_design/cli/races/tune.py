@@ -26,15 +26,15 @@ from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, print_note, print_result
 from mercator_design.errors import MercatorError, printable
+from mercator_design.race.executors.executor import Failed, Rejected
+from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.scenario_text import Assignment
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.executors import Failed, Rejected
 from mercator_design.race.running.outcome import OnFailure
-from mercator_design.race.running.thread_executor import ThreadExecutor
 from mercator_design.report.columns import aligned
 from mercator_design.runs.provenance import Request
 from mercator_design.system.csv_text import csv_text

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
+from mercator_design.race.executors.executor import Executor, ExecutorStopped
 from mercator_design.race.irace import configurations, scenario_text
 from mercator_design.race.irace.scenario import Scenario, read_scenario
 from mercator_design.race.irace.scenario_options import in_names_of_irace, of_races
@@ -21,7 +22,6 @@ from mercator_design.race.methods.table import METHODS, Method
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.evaluation import results_of, test_of
 from mercator_design.race.running.events import ExperimentDone, TestDone
-from mercator_design.race.running.executors import Executor, ExecutorStopped
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal
 from mercator_design.race.running.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration

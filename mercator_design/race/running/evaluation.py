@@ -12,10 +12,10 @@ from typing import Annotated, TypeVar
 
 from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
+from mercator_design.race.executors.executor import Executor, Failed, attempt
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
-from mercator_design.race.running.executors import Executor, Failed, attempt
 from mercator_design.race.running.outcome import read_result
 from mercator_design.race.running.task import Problem
 from mercator_design.race.space.parameter import Configuration

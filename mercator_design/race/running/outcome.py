@@ -3,8 +3,8 @@
 from typing import Literal
 
 from mercator_design.errors import MercatorError, RaceError, lack_of_memory
+from mercator_design.race.executors.executor import Failed, Rejected
 from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
-from mercator_design.race.running.executors import Failed, Rejected
 from mercator_design.scores import EXPECTED, is_score
 
 OnFailure = Literal["stop", "reject"]

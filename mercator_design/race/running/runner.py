@@ -20,6 +20,7 @@ from functools import partial
 from typing import Generic, TypeVar
 
 from mercator_design.errors import RaceError
+from mercator_design.race.executors.executor import Executor, ExecutorStopped, Failed, Items, attempt
 from mercator_design.race.methods.asking import Asking
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.summary import Scores
@@ -34,7 +35,6 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     TestDone,
 )
-from mercator_design.race.running.executors import Executor, ExecutorStopped, Failed, Items, attempt
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
 from mercator_design.race.running.record import Record, another_race

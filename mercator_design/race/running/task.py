@@ -41,7 +41,7 @@ class Problem(ABC, Generic[T]):
     Attributes:
         optimizer: Asks for experiments and takes their costs; not begun.
         function: Runs one experiment, in this process or in another. If it also has the method `in_steps`
-            (`thread_executor.Stepped`), threads run short experiments in groups by that.
+            (`executors.threads.Stepped`), threads run short experiments in groups by that.
         evaluate: None, or computes the cost of an experiment that `function` has run; it may compare the given
             configurations.
         speculates: Whether idle workers run speculative experiments.

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race.running import dask_executor
-from mercator_design.race.running.dask_executor import DaskExecutor
+from mercator_design.race.executors import dask
+from mercator_design.race.executors.dask import DaskExecutor
+from mercator_design.race.executors.executor import Failed, in_order
 from mercator_design.race.running.events import ExperimentDone
-from mercator_design.race.running.executors import Failed, in_order
 from mercator_design.race.running.record import Record
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import WorkersConformance
@@ -89,10 +89,10 @@ class TestConformance(WorkersConformance):
     @pytest.fixture(autouse=True)
     def short_bundles(self, monkeypatch):
         """Such that an item of `slow` is a task of its own."""
-        monkeypatch.setattr(dask_executor, "BUNDLE", SLOW / 2)
+        monkeypatch.setattr(dask, "BUNDLE", SLOW / 2)
 
     def test_quick_ones_are_handed_out_together(self, executor, monkeypatch):
-        monkeypatch.setattr(dask_executor, "BUNDLE", LIMIT)
+        monkeypatch.setattr(dask, "BUNDLE", LIMIT)
         assert len(set(in_order(executor, task_of, range(500)))) < 100
 
     def test_a_worker_is_killed_in_the_middle_of_a_race(self, executor):
@@ -133,7 +133,7 @@ class TestDeaths:
 def test_no_worker_is_there(monkeypatch):
     """It is told, and nothing waits any longer once all is to stop."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_executor, "CHECK_EVERY", 0.05)
+    monkeypatch.setattr(dask, "CHECK_EVERY", 0.05)
     told = []
 
     def announce(what):

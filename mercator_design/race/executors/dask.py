@@ -17,7 +17,7 @@ from typing import Any, Self, TypeVar
 import cloudpickle
 
 from mercator_design.errors import RaceError
-from mercator_design.race.running.executors import Failed, WorkerUnfit, call_packed
+from mercator_design.race.executors.executor import Failed, WorkerUnfit, call_packed
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -74,7 +74,7 @@ class DaskExecutor:
         return self._jobs
 
     def stop(self) -> None:
-        """As `Executor.stop`; does not wait for workers if there are none."""
+        """As `Executor.stop`: without workers, `run` ends."""
         self._is_stopping = True
 
     def __enter__(self) -> Self:

@@ -15,7 +15,7 @@ from itertools import islice, takewhile
 from operator import length_hint
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
-from mercator_design.race.running.executors import MAX_WAIT, Failed, attempt
+from mercator_design.race.executors.executor import MAX_WAIT, Failed, attempt
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -80,7 +80,7 @@ class ThreadExecutor:
                     thread.join(MAX_WAIT)
 
     def stop(self) -> None:
-        """Do nothing: all items that have begun are running."""
+        """Do nothing: it waits for running items alone."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         if not self._threads:

@@ -1,0 +1,1 @@
+"""Executors run experiments: in threads, in processes, or on a cluster."""

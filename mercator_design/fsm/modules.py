@@ -61,7 +61,7 @@ class Module:
     numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
     parameters: tuple[ModuleParameter, ...] = ()
     reads: frozenset[str] = field(default_factory=frozenset)  # of SENSES
-    colours: bool = False  # whether it is of use only if the ground is seen in colours
+    colours: bool = False  # whether its last parameter is the label of a colour, which the ground sensor has to see
 
     def __post_init__(self) -> None:
         if len(self.parameters) > MAX_PARAMETERS:

@@ -5,11 +5,13 @@ import pytest
 
 from mercator_design.designer import mission_space
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.conditions import COLOUR_LABELS
+from mercator_design.fsm.space.grammar import modules_of, parameters_text, to_pfsm
 from mercator_design.fsm.space.simple import drawn_values, simple_machines
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import parse_space
+from mercator_design.race.space.parameter import key_of
 from mercator_design.sim.simulate import Simulator
 
 EXPLORATION = next(one for one in BEHAVIOURS if one.name == "exploration")
@@ -33,10 +35,10 @@ def test_they_are_different_canonical_machines_of_one_or_two_states(flavour):
         space.check(configuration)
         assert canonical(machine) == machine
         assert len(machine.states) == 1 or [len(state.transitions) for state in machine.states] == [1, 1]
-    assert len({space.key(one) for one in found}) == len(found)
-    behaviours = {"watermelon": 4, "chocolate": 6}[flavour]
-    conditions = {"watermelon": 10, "chocolate": 6}[flavour]  # floor colour counts for each of its colours
-    assert len(found) == behaviours + conditions * (behaviours - 1)
+    assert len({key_of(one) for one in found}) == len(found)
+    behaviours, conditions = modules_of(flavour)
+    n_conditions = sum(len(COLOUR_LABELS) if one.colours else 1 for one in conditions.values())
+    assert len(found) == len(behaviours) + n_conditions * (len(behaviours) - 1)
 
 
 def test_the_second_behaviour_ends_by_another_condition_on_the_same_senses_or_on_any():

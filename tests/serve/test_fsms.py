@@ -52,7 +52,7 @@ class TestModules:
         tau = found["behaviours"][0]["parameters"][0]
         assert (tau["name"], tau["unit"], tau["integer"], tau["middle"]) == ("tau", "cycles", True, 50)
         assert tau["description"].startswith("a turn away")
-        label = found["conditions"][-1]["parameters"][1]
+        label = next(one for one in found["conditions"] if one["name"] == "floor colour")["parameters"][1]
         assert label["words"] == ["green", "blue", "red", "yellow"]
 
     def test_a_flavour_that_does_not_exist(self, client):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
@@ -39,6 +40,11 @@ def search(*transitions):
 
 REST = State("stop", (), (BACK,))
 GO = by("black floor", 0.5)
+
+
+def test_situations_have_all_that_conditions_read():
+    senses = set().union(*(one.reads for one in CONDITIONS))
+    assert senses == {"ground", "neighbours"}, "lint has to try more situations"
 
 
 def test_a_sound_pfsm_has_no_findings():

@@ -51,9 +51,15 @@ def _chance_of(target: int, choices: Sequence[_Choice], at: int) -> float:
     return total
 
 
+def _beta(edge: Transition) -> float | None:
+    """The probability that is a condition's first parameter, if it has one."""
+    named = [parameter.name for parameter in edge.module.parameters]
+    return edge.parameters[0] if named[:1] == ["beta"] else None
+
+
 def _is_twin(one: Transition, other: Transition) -> bool:
     """Whether two transitions of a state have the same condition and target, but perhaps another probability beta."""
-    free = int(one.module.parameters[0].name == "beta")
+    free = int(_beta(one) is not None)
     same = (one.condition, one.target) == (other.condition, other.target)
     return same and one.parameters[free:] == other.parameters[free:]
 
@@ -139,8 +145,8 @@ class _Linter:
             yield Finding("nothing-to-read", place, f"{name} reads the light, and {self.mission.name} has none")
 
     def _why_never(self, edge: Transition, chances: Sequence[float]) -> str:
-        if edge.module.parameters[0].name == "beta" and edge.parameters[0] <= NEGLIGIBLE:
-            return f"never fires: its beta is {edge.parameters[0]:g}"
+        if (beta := _beta(edge)) is not None and beta <= NEGLIGIBLE:
+            return f"never fires: its beta is {beta:g}"
         if edge.module.colours and self.model is not None and not self.model.sees_colours:
             return f"never fires: robot {self.model.name} sees only how bright the ground is"
         if "neighbours" in edge.module.reads:
@@ -170,9 +176,9 @@ class _Linter:
         """What to say of two transitions with the same condition and target."""
         edges = self.pfsm.states[i].transitions
         message = f"has the condition and the target of transition {k}"
-        if edges[j].module.parameters[0].name != "beta":
+        if (first := _beta(edges[k])) is None or (second := _beta(edges[j])) is None:
             return f"{message}, and the same parameters"
-        beta = 1.0 - (1.0 - edges[k].parameters[0]) * (1.0 - edges[j].parameters[0])
+        beta = 1.0 - (1.0 - first) * (1.0 - second)
         both = [1.0 - (1.0 - p) * (1.0 - q) for p, q in zip(self.chances[i, k], self.chances[i, j], strict=True)]
         choices = [_Choice(self.chances[i, other], edges[other].target) for other in kept if other not in (j, k)]
         if self._alike(i, [*choices, _Choice(both, edges[j].target)], kept):

@@ -82,7 +82,7 @@ def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: S
 def can_fire(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
     """Whether a condition can fire on the floor of a mission; True if that is not known."""
     levels = ground_levels(mission, model)
-    if "ground" not in condition.reads or levels is None:
+    if condition.reads != {"ground"} or levels is None:
         return True
     return any(condition.function(model.reference_model, readings_on(model, one), parameters) != 0.0 for one in levels)
 

@@ -79,7 +79,7 @@ def run(command: click.Command, name: str) -> None:
         print_message("Interrupted.")
         sys.exit(130)
     except Signalled as signalled:
-        print_message(_with_notes(signalled))
+        print_message("; ".join([str(signalled), *getattr(signalled, "__notes__", ())]))
         sys.exit(signalled.exit_code)
     except SystemExit:
         if sys.stdout is stdout:
@@ -105,11 +105,6 @@ def _open_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - until the end
-
-
-def _with_notes(error: BaseException) -> str:
-    """The text of an error with its notes."""
-    return "; ".join([str(error), *getattr(error, "__notes__", ())])
 
 
 def _discard(stream: TextIO) -> None:

@@ -7,7 +7,6 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from mercator_design.cli.missions import sample
 from mercator_design.config.writing import dump
 from mercator_design.mission_sampler import CLASSES, _Draw, _NoRoom, sample_mission
 from mercator_design.missions.floor import Disc
@@ -105,11 +104,6 @@ class TestEach:
             assert len(meant) == 1
         else:
             assert len(meant) >= 2
-
-
-def test_the_command_offers_all_classes():
-    (option,) = (parameter for parameter in sample.params if parameter.name == "class_")
-    assert tuple(option.type.choices) == CLASSES
 
 
 def drawn(class_):

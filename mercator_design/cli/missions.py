@@ -12,7 +12,7 @@ from mercator_design.config import shipped
 from mercator_design.config.writing import dump
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
-from mercator_design.mission_sampler import MissionClass, sample_mission
+from mercator_design.mission_sampler import CLASSES, MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission
 from mercator_design.report.missions import missions_json, missions_table
 from mercator_design.system.files import write_text, writing
@@ -79,13 +79,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
 
 @missions.command(short_help="Write random missions of a class.")
-@click.option(
-    "--class",
-    "class_",
-    type=click.Choice(["foraging", "homing", "aggregation-xor"]),
-    required=True,
-    help="Class of the missions.",
-)
+@click.option("--class", "class_", type=click.Choice(CLASSES), required=True, help="Class of the missions.")
 @SEED
 @click.option("-n", "--number", type=click.IntRange(1, 10_000), default=1, show_default=True, help="Missions to make.")
 @click.option("-o", "--output", type=FOLDER, default=".", help="Folder of the missions.  [default: the current folder]")

@@ -39,14 +39,9 @@ class Way(NamedTuple):
     def unit(self) -> str:
         """The unit of the values there; empty if they have none."""
         if self.holder is not None:
-            return schema.unit_of(self.holder, self.key)
+            step = str(self.step)
+            return schema.unit_of(self.holder, spelling.find(step, schema.comments_of(self.holder)) or step)
         return self.before.unit if self.before is not None and isinstance(self.step, int) else ""
-
-    @property
-    def key(self) -> str:
-        """The step, as the holder spells it."""
-        known = schema.comments_of(self.holder) if self.holder else ()
-        return spelling.find(str(self.step), known) or str(self.step)
 
 
 _WRONG: Any = object()
@@ -221,7 +216,7 @@ def _of_any(kinds: tuple[Kind, ...], tag: str) -> tuple[Specification, dict[str,
         having = [kind for kind in kinds if name in schema.fields_of(kind)]
         annotations, defaults = zip(*(schema.fields_of(kind)[name] for kind in having), strict=True)
         is_one = name != tag and all(each == annotations[0] for each in annotations)
-        is_needed = is_one and len(having) == len(kinds) and all(map(_is_missing, defaults))
+        is_needed = is_one and len(having) == len(kinds) and all(default is dataclasses.MISSING for default in defaults)
         specification[name] = (annotations[0] if is_one else object, dataclasses.MISSING if is_needed else None)
         holders[name] = having[0]
     return specification, holders
@@ -250,17 +245,14 @@ def _record(node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
         values[rule.key] = word
         values[field] = {name: values.pop(name, default) for name, (_, default) in parameters.items()}
     if wrong.any:
-        usual = {name: default for name, (_, default) in fields.items() if node.child(name) is None}
-        found = schema.problems(kind, {name: each for name, each in usual.items() if not _is_missing(each)} | values)
+        missing = ((name, default) for name, (_, default) in fields.items() if node.child(name) is None)
+        usual = {name: default for name, default in missing if default is not dataclasses.MISSING}
+        found = schema.problems(kind, usual | values)
         raise Fault(*wrong, *(_of_field(node, way, each) for each in found))
     try:
         return kind(**values)
     except FieldError as error:
         raise Fault(*(_of_field(node, way, each) for each in (error, *error.others))) from None
-
-
-def _is_missing(default: object) -> bool:
-    return default is dataclasses.MISSING
 
 
 def _of_field(node: Node, way: Way | None, error: FieldError) -> str:
@@ -303,7 +295,7 @@ def _entries(
             if value is not _WRONG:
                 values[key] = value
     for key, (kind, default) in specification.items():
-        if _is_missing(default) and key not in words and key not in meant:
+        if default is dataclasses.MISSING and key not in words and key not in meant:
             place = Way(way, key, holders[key])
             wrong.note(message(node, place, f"missing key; {_expected(kind, place)}"))
     return values

@@ -88,7 +88,7 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
         said = from_line(line)
         if said is None:
             continue
-        match said["say"]:
+        match said.pop("say"):
             case "finding":
                 _add_finding(checked, said)
             case "done":
@@ -100,9 +100,7 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
 
 def _add_finding(checked: Checked, said: dict[str, Any]) -> None:
     try:
-        found = from_json(
-            {key: value for key, value in said.items() if key != "say"}, Finding, error=RobotError, path="finding"
-        )
+        found = from_json(said, Finding, error=RobotError, path="finding")
     except RobotError as error:
         checked.failure = f"its check sends what is no finding: {error}"
         return

@@ -61,7 +61,9 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
             leader.call_off("interrupted")
             _say(leader, robots)
             if leader.why:
-                _until_ended(leader, robots)
+                end = time.monotonic() + _RESTS
+                while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
+                    _turn(leader, robots)
         if not leader.why:
             spread, uncertainty = leader.spread()
             return Start([*_running(fleet, leader)], "", spread, uncertainty)
@@ -83,13 +85,6 @@ def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:
 def _say(leader: Leader, robots: Mapping[str, Conversation]) -> None:
     for name, line in leader.lines():
         robots[name].send(line)
-
-
-def _until_ended(leader: Leader, robots: Mapping[str, Conversation]) -> None:
-    """Wait until all runs have ended, with a time limit."""
-    end = time.monotonic() + _RESTS
-    while time.monotonic() < end and not all(robot.has_ended for robot in robots.values()):
-        _turn(leader, robots)
 
 
 def _running(fleet: Fleet, leader: Leader) -> Iterator[RobotOutcome]:

@@ -59,15 +59,12 @@ def run_summary(path: Path) -> str:
     counted = {(one.configuration, one.instance) for one in record.experiments.values()}
     n_extra = sum(place not in counted for place in record.speculative)
     failed = sum(one.score is None for one in record.results())
+    extended = ", ".join(map(str, record.budgets[:-1]))
     lines = [
         *task.about(record.start),
         f"Race       {record.start['method']}, {run['experiments']} of {run['budget']} experiments, "
         f"{len(record.configurations)} configurations",
-        *(
-            [f"Extended   from a budget of {', '.join(map(str, record.budgets[:-1]))}"]
-            if len(record.budgets) > 1
-            else []
-        ),
+        *([f"Extended   from a budget of {extended}"] if extended else []),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *([f"Extra      {n_extra} speculative experiment{'s' * (n_extra != 1)}, not counted"] if n_extra else []),
         f"State      {run['state']}",

@@ -6,7 +6,7 @@ and viridis for scales. Marks have tooltips, and their values as `data-` attribu
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import unescape
 from typing import NamedTuple
 
@@ -290,7 +290,6 @@ class _Frame:
     left: float = 58.0
     right: float = 14.0
     is_bare: bool = False  # without an axis at the left
-    top: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.places = list(_legend_places(self.legend, self.left, self.width))

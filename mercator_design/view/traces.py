@@ -54,8 +54,6 @@ def read_trace(
         poses = np.concatenate([start[np.newaxis] if same else poses[:1], poses])
     else:
         states = states[1:]
-    if not len(states):
-        raise MissionError(f"{path}: expected at least two times, found one")
     if pfsm is not None and states.max(initial=0) >= len(pfsm.states):
         raise MissionError(f"{path}: expected states of the PFSM, below {len(pfsm.states)}, found {states.max()}")
     return ShownExperiment(

@@ -44,7 +44,7 @@ from mercator_design.robot.logs.events import (
     now,
     to_json,
 )
-from mercator_design.system.files import sync_folder
+from mercator_design.system.files import sync_folder, writing
 
 SYNC_EVERY = 1.0
 """[s] after which a written event is forced to the disk: a power failure loses those of the last second at most."""
@@ -81,10 +81,8 @@ class Log:
         self._thread = threading.Thread(target=self._write_all, daemon=True)
 
     def __enter__(self) -> Self:
-        try:
+        with writing(self.path, RobotError):
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise RobotError(f"{self.path}: cannot be written: {error.strerror}") from None
         try:
             with contextlib.suppress(OSError):  # a folder that may be written, but not read
                 sync_folder(self.path.parent)

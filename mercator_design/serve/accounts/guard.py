@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import cookie_parser
+from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -50,8 +50,7 @@ def cookie_name(scope: Scope) -> str:
 
 def session_of(scope: Scope) -> str | None:
     """The secret of the session that a browser says it has."""
-    cookies = "; ".join(Headers(scope=scope).getlist("cookie"))
-    return cookie_parser(cookies).get(cookie_name(scope))
+    return HTTPConnection(scope).cookies.get(cookie_name(scope))
 
 
 def address_of(scope: Scope) -> str:

@@ -96,7 +96,7 @@ class Desk:
             ServiceError: One of them cannot be read, or fails when it is run.
         """
         if self._plugins:
-            self.run(_nothing)
+            self.run(os.getpid)
 
     def close(self) -> None:
         """End the helpers."""
@@ -253,10 +253,6 @@ def _answer(
         return None, error
     except Exception as error:  # noqa: BLE001 - a fault of this program: the service reports and goes on
         return None, ServiceError(f"internal error: {described(error)}")
-
-
-def _nothing() -> None:
-    """A piece of work that only needs a helper."""
 
 
 def _end_with_service() -> None:

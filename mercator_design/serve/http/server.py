@@ -84,7 +84,7 @@ class PatientProtocol(H11Protocol):
 
     _waiting: asyncio.TimerHandle | None = None
     _unread: asyncio.TimerHandle | None = None
-    _since = 0.0
+    since = 0.0  # the time since which it waits
 
     def connection_made(self, transport: Any) -> None:  # noqa: ANN401 - as its base
         """Wait for the first request."""
@@ -108,7 +108,7 @@ class PatientProtocol(H11Protocol):
     def pause_writing(self) -> None:
         """Wait for the client to read."""
         super().pause_writing()
-        self._since = self.loop.time()
+        self.since = self.loop.time()
         self._unread = self.loop.call_later(_READ_SECONDS, self.give_up)
 
     def resume_writing(self) -> None:
@@ -121,13 +121,13 @@ class PatientProtocol(H11Protocol):
     def _wait(self) -> None:
         if self._waiting is not None:
             self._waiting.cancel()
-        self._since = self.loop.time()
+        self.since = self.loop.time()
         self._waiting = self.loop.call_later(_HEADER_SECONDS, self.give_up)
 
     def _make_room(self) -> None:
         """Close the connection that has waited longest for its client, this one excepted."""
         others = [one for one in self.connections if isinstance(one, PatientProtocol) and one.is_waiting]
-        longest = min(others, key=PatientProtocol.since)
+        longest = min(others, key=lambda one: one.since)
         if longest is not self:
             longest.give_up()
 
@@ -137,10 +137,6 @@ class PatientProtocol(H11Protocol):
         if self._unread is not None:
             return True
         return (self.cycle is None or self.cycle.response_complete) and not self.transport.is_closing()
-
-    def since(self) -> float:
-        """The time since which it waits."""
-        return self._since
 
     def give_up(self) -> None:
         """Close the connection if it waits for its client; what the client does not read is dropped."""

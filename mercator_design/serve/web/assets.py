@@ -1,7 +1,6 @@
 """The files that pages load: scripts and styles, each at /assets/NAME?v=DIGEST, so that browsers keep them."""
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -18,14 +17,6 @@ router = APIRouter(include_in_schema=False)
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
-_MADE: MappingProxyType[str, Callable[[], str]] = MappingProxyType({
-    "viewer.js": viewer_script,
-    "viewer.css": viewer_style,
-    "page.js": lambda: page_asset("page.js"),
-    "charts.css": lambda: STYLE,
-    "report.css": lambda: page_asset("page.css"),
-})  # fmt: skip
-"""Assets that other packages make."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +33,14 @@ def assets() -> MappingProxyType[str, Asset]:
     """All assets by their names."""
     own = files(__package__).joinpath("assets")
     texts = {one.name: one.read_bytes() for one in own.iterdir() if one.name.endswith(tuple(_TYPES))}
-    texts |= {name: make().encode() for name, make in _MADE.items()}
+    made = {
+        "viewer.js": viewer_script(),
+        "viewer.css": viewer_style(),
+        "page.js": page_asset("page.js"),
+        "charts.css": STYLE,
+        "report.css": page_asset("page.css"),
+    }
+    texts |= {name: text.encode() for name, text in made.items()}
     found = {}
     for name, data in texts.items():
         kind = _TYPES[name[name.rindex(".") :]]

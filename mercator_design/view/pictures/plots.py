@@ -78,7 +78,13 @@ def plots(shown: Sequence[ShownExperiment], kinds: Sequence[str], *, caption: st
 
 def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     """The paths of the robots' centres, in the colours of their states."""
-    _draw_scene(axes, shown)
+    _set_scene(axes, shown)
+    axes.set_facecolor(OUTSIDE)
+    mission = shown.mission
+    if mission is not None:
+        draw_arena(axes, mission)
+        draw_floor(axes, mission, shown.trace.floor)
+        name_zones(axes, mission, shown.trace.floor, shown.trace.zone_rows)
     poses, n = shown.trace.poses, shown.trace.cycles
     kept = np.append(np.arange(0, n, math.ceil(shown.trace.states.size / _MAX_PIECES)), n)
     pieces = np.stack([poses[kept[:-1], :, :2], poses[kept[1:], :, :2]], axis=2).reshape(-1, 2, 2)
@@ -195,16 +201,6 @@ def _set_scene(axes: Axes, shown: ShownExperiment) -> tuple[Floats, Floats]:
     low, high = limits(shown)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")
     return low, high
-
-
-def _draw_scene(axes: Axes, shown: ShownExperiment) -> None:
-    _set_scene(axes, shown)
-    axes.set_facecolor(OUTSIDE)
-    mission = shown.mission
-    if mission is not None:
-        draw_arena(axes, mission)
-        draw_floor(axes, mission, shown.trace.floor)
-        name_zones(axes, mission, shown.trace.floor, shown.trace.zone_rows)
 
 
 def _legend(axes: Axes, handles: Sequence[Line2D | Patch] | None = None) -> None:

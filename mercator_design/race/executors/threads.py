@@ -6,7 +6,6 @@ for a group.
 """
 
 import contextlib
-import gc
 import queue
 import threading
 import time
@@ -59,7 +58,6 @@ class ThreadExecutor:
     def __enter__(self) -> Self:
         # Daemons end with this process, even if an experiment does not end.
         self._threads = []
-        gc.freeze()  # a full collection would look at all that was imported, while all threads wait
         try:
             for _ in range(self.jobs):
                 thread = threading.Thread(target=self._serve, daemon=True)
@@ -71,7 +69,6 @@ class ThreadExecutor:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        gc.unfreeze()
         with contextlib.suppress(queue.Empty):
             while True:
                 self._todo.get_nowait()

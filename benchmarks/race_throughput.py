@@ -29,6 +29,7 @@ Run: python benchmarks/race_throughput.py [--missions foraging aggregation aggre
 
 import argparse
 import contextlib
+import gc
 import hashlib
 import os
 import sys
@@ -253,12 +254,14 @@ def measure(mission: str, method: str, kind: str, jobs: int, budget: int) -> Thr
     with executor_of(kind, jobs) as executor:
         small = Designer(simulator, budget=SMALL, seed=2, method=method)
         RaceRun(small, executor).finish()  # workers also load the kernels
+        gc.freeze()  # as `mdesign race` does
         before = free_share(jobs)
         executor.spent.clear()
         wall, cpu = time.perf_counter(), time.process_time()
         n = len(RaceRun(designer, executor).finish().finished)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         free = 0.5 * (before + free_share(jobs))
+        gc.unfreeze()
     cpu += executor.cpu_elsewhere()
     ran = len(executor.spent)
     in_loops, busy = (sum(getattr(one, name) for one in executor.spent) for name in ("in_loop", "wall"))

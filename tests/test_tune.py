@@ -68,7 +68,8 @@ def written(folder, runner=RUNNER, scenario=SCENARIO):
 def child_of(folder):
     """The process that a waiting runner has started; None if it has not."""
     file = folder / "child"
-    return int(file.read_text()) if file.exists() and file.read_text() else None
+    text = file.read_text() if file.exists() else ""  # read once: another runner may empty it to write its own
+    return int(text) if text else None
 
 
 @pytest.fixture(scope="module")

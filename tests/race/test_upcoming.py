@@ -84,7 +84,7 @@ def test_given_ones_run_while_others_are_sampled(jobs):
 
 
 @pytest.mark.parametrize("budget", [24, BUDGET])
-def test_simple_ones_run_while_others_are_sampled(budget):
+def test_simple_ones_are_upcoming_before_others_are_sampled(budget):
     space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
     race = Halving(space, budget=budget, seed=1)
     upcoming = race.upcoming

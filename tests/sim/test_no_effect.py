@@ -12,8 +12,9 @@ from PIL import Image
 from mercator_design.cli import cli
 from mercator_design.config import shipped
 from mercator_design.fsm import parse
+from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.missions.mission import load_mission
-from mercator_design.sim.checks.no_effect import floor_warnings, model_warnings, no_effect_warnings
+from mercator_design.sim.checks.no_effect import can_fire, floor_warnings, model_warnings, no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission
@@ -208,3 +209,10 @@ class TestRanges:
         found = list(model_warnings(dataclasses.replace(MERCATOR, neighbours=camera)))
         assert bool(found) is told
         assert all("neighbours.range: 0.76 m changes nothing" in text and "within 0.75 m" in text for text in found)
+
+
+def test_only_a_condition_that_reads_the_ground_alone_is_known_never_to_fire():
+    on_gray = mission()
+    white = next(one for one in CONDITIONS if one.name == "white floor")
+    assert not can_fire(on_gray, MERCATOR, white, (1.0,))
+    assert can_fire(on_gray, MERCATOR, dataclasses.replace(white, reads=white.reads | {"neighbours"}), (1.0,))

@@ -1,5 +1,6 @@
 """Shared by the verbs race and tune: new and resumed races, their folders, failures, signals."""
 
+import gc
 import json
 import shlex
 from collections.abc import Callable, Iterator, Sequence
@@ -170,6 +171,8 @@ def run(
         stopped=interrupt.came,
     )
     messages = _Messages(folder)
+    if not gc.get_freeze_count():
+        gc.freeze()  # what was imported stays: else a full collection looks through it while all workers wait
     try:
         with (
             executor,

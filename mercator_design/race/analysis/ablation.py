@@ -75,7 +75,7 @@ def ablate(
 class Flips:
     """Changes one configuration into another by parameters, with those that become active or inactive.
 
-    The variants are keys of the space.
+    The variants are keys of configurations (`key_of`).
     """
 
     def __init__(self, space: Space, target: Configuration) -> None:
@@ -99,7 +99,8 @@ class Flips:
 
     def configuration(self, key: Key) -> Configuration:
         """The configuration of a key."""
-        values = dict(key)
+        n = len(key) // 2
+        values = {str(name): value for name, value in zip(key[:n], key[n:], strict=True)}
         return {p.name: values[p.name] for p in self._space.parameters if p.name in values}
 
     def _distance(self, configuration: Configuration) -> int:

@@ -57,7 +57,7 @@ class Executor(Protocol):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
 
     def stop(self) -> None:
-        """The caller stops, so `items` ends: wait for items that are running, but not for workers to come.
+        """Tell that `items` ends: `run` ends when running items have finished, and does not wait for new workers.
 
         A signal handler may call it.
         """

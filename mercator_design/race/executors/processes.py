@@ -64,7 +64,7 @@ class ProcessExecutor:
             worker.shutdown(wait=True, kill_workers=kind is not None)
 
     def stop(self) -> None:
-        """Do nothing: it waits for running items alone."""
+        """Do nothing: `run` never waits for workers."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         import cloudpickle

@@ -80,7 +80,7 @@ class ThreadExecutor:
                     thread.join(MAX_WAIT)
 
     def stop(self) -> None:
-        """Do nothing: it waits for running items alone."""
+        """Do nothing: `run` never waits for workers."""
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         if not self._threads:

@@ -48,7 +48,7 @@ class Optimizer(ABC):
         options: The method's options.
         history: Configurations, costs and elites.
         notes: Notes for the user, for example on a reduced plan.
-        iteration: The current one, from 1; 0 before the first `ask`.
+        iteration: The current one, from 1; 0 before the first `ask` or `upcoming`.
         stop_reason: Why there are no more iterations; None while there may be.
 
     Raises:
@@ -159,6 +159,8 @@ class Optimizer(ABC):
     def upcoming(self) -> Upcoming | None:
         """What `ask` will most probably give, if it has to propose other configurations first; else None.
 
+        To know it, the race advances to this point.
+
         Raises:
             RaceError: As `ask`.
         """
@@ -213,7 +215,7 @@ class Optimizer(ABC):
         except StopIteration:
             self._batch, self._upcoming = [], None
         except BaseException as error:
-            self._batch = None
+            self._batch = self._upcoming = None
             self._error = (
                 error
                 if isinstance(error, RaceError)

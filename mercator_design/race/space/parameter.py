@@ -16,7 +16,7 @@ from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_t
 
 Value = str | int | float
 Configuration = dict[str, Value]
-Key = frozenset[tuple[str, Value]]
+Key = tuple[Value, ...]
 """Equal configurations have equal keys."""
 Kind = Literal["categorical", "ordered", "integer", "real"]
 Bounds = tuple[float, float]
@@ -28,8 +28,9 @@ MAX_DIGITS = 15
 
 
 def key_of(configuration: Mapping[str, Value]) -> Key:
-    """The key of a configuration, which does not depend on the order of its parameters."""
-    return frozenset(configuration.items())
+    """The key of a configuration: the names of its parameters in the order of the alphabet, then their values."""
+    names = sorted(configuration)
+    return (*names, *map(configuration.__getitem__, names))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

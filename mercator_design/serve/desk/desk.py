@@ -96,7 +96,7 @@ class Desk:
             ServiceError: One of them cannot be read, or fails when it is run.
         """
         if self._plugins:
-            self.run(os.getpid)
+            self.run(os.getpid)  # any work starts a helper
 
     def close(self) -> None:
         """End the helpers."""

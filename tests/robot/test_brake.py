@@ -3,8 +3,10 @@
 import math
 import os
 import signal
+import sys
 import threading
 import time
+import weakref
 
 import pytest
 
@@ -188,7 +190,7 @@ def test_a_stop_in_the_middle_of_a_frame_is_heard(is_finished):
 def test_behind_the_end_a_signal_interrupts_nothing(wire, brake):
     signals = Signals()
     with signals.caught():
-        signals.brake = brake
+        signals.guard(brake)
         with signals.until_stopped():
             assert wire.sent == []
         os.kill(os.getpid(), signal.SIGTERM)
@@ -199,12 +201,28 @@ def test_only_the_first_signal_interrupts(wire, brake):
     """A second one must not keep the robot from being shut down."""
     signals = Signals()
     with signals.caught():
-        signals.brake = brake
+        signals.guard(brake)
         with pytest.raises(Signalled, match="SIGHUP"):
             os.kill(os.getpid(), signal.SIGHUP)
         os.kill(os.getpid(), signal.SIGTERM)
     assert brake.why == "SIGHUP"
     assert wire.sent == [b"zero"] * 2
+
+
+def test_a_signal_whose_exception_python_drops_stops_what_would_start(wire, brake, monkeypatch):
+    class Thing:
+        pass
+
+    signals, thing = Signals(), Thing()
+    gone = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    dropped = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda what: dropped.append(what.exc_type))
+    with signals.caught():
+        del thing
+        assert gone() is None
+        assert dropped == [Signalled]
+        with pytest.raises(Signalled, match="SIGTERM"):
+            signals.guard(brake)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTTIN, signal.SIGTTOU])

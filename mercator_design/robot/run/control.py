@@ -155,7 +155,7 @@ def in_control(
     signals = Signals()
     with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports, without) as ports:
         robot = Mercator(settings, ports, reads, labels)
-        signals.brake = robot.brake
+        signals.guard(robot.brake)
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
         control = Control(robot, watchdog, log)
         try:

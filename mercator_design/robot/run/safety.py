@@ -218,16 +218,15 @@ class Watchdog(threading.Thread):
 
 
 class Signals:
-    """In the context `caught`, the first signal pulls the brake, then raises `Signalled`.
+    """In the context `caught`, the first signal pulls the brake that `guard` knows, then raises `Signalled`.
 
     No terminal suspends the program there.
-
-    brake: The brake, once there is one.
     """
 
     def __init__(self) -> None:
-        self.brake: Brake | None = None
-        self._came = False
+        self._brake: Brake | None = None
+        self._has_ended = False
+        self._signalled: Signalled | None = None
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:
@@ -239,21 +238,31 @@ class Signals:
             for number, handler in usual.items():
                 signal.signal(number, handler)
 
+    def guard(self, brake: Brake) -> None:
+        """Pull this brake at the first signal.
+
+        Raises:
+            Signalled: A signal came before, and Python dropped its exception, as in a callback of a weak reference.
+        """
+        self._brake = brake
+        if self._signalled is not None:
+            raise self._signalled
+
     @contextlib.contextmanager
     def until_stopped(self) -> Iterator[None]:
         """A context that ends by pulling the brake; signals have no effect afterwards."""
         try:
             yield
         finally:
-            if self.brake is not None:
-                self.brake.stop("the run has ended")
-            self._came = True
+            if self._brake is not None:
+                self._brake.stop("the run has ended")
+            self._has_ended = True
 
     def _act(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal handlers are called
-        if self._came:
+        if self._has_ended or self._signalled is not None:
             return
-        self._came = True
         name = signal.Signals(number).name
-        if self.brake is not None:
-            self.brake.stop(name)
-        raise Signalled(f"Stopped by {name}.", 128 + number)
+        self._signalled = Signalled(f"Stopped by {name}.", 128 + number)
+        if self._brake is not None:
+            self._brake.stop(name)
+        raise self._signalled

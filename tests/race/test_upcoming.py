@@ -12,6 +12,7 @@ from mercator_design.race import Experiment, parse_space
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.halving import Halving, HalvingOptions
+from mercator_design.race.methods.optimizer import Upcoming
 from mercator_design.race.running.journal import Journal, read
 from mercator_design.race.running.record import Record
 from tests.processes import LIMIT
@@ -160,6 +161,21 @@ def test_an_error_while_it_proposes_is_raised(error):
 
     with pytest.raises(type(error), match=str(error)):
         raced(Failing(SPACE, budget=BUDGET, seed=1))
+
+
+def test_nothing_is_upcoming_after_an_error():
+    class Failing(Halving):
+        def _run(self):
+            yield Upcoming([], {})
+            raise RaceError("none is left")
+
+    race = Failing(SPACE, budget=BUDGET, seed=1)
+    assert race.upcoming == ([], {})
+    for _ in range(2):
+        with pytest.raises(RaceError, match="none is left"):
+            race.ask()
+        with pytest.raises(RaceError, match="none is left"):
+            _ = race.upcoming
 
 
 def test_a_failure_of_what_is_upcoming_is_one_of_the_race():

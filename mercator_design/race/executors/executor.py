@@ -57,7 +57,7 @@ class Executor(Protocol):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
 
     def stop(self) -> None:
-        """Tell that `items` ends: `run` ends when running items have finished, and does not wait for new workers.
+        """Be told that `items` is about to end: `run` waits for running items, but not for workers to come.
 
         A signal handler may call it.
         """

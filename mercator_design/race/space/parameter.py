@@ -28,7 +28,7 @@ MAX_DIGITS = 15
 
 
 def key_of(configuration: Mapping[str, Value]) -> Key:
-    """The key of a configuration: the names of its parameters in the order of the alphabet, then their values."""
+    """The key of a configuration: the names of its parameters in alphabetical order, then their values."""
     names = sorted(configuration)
     return (*names, *map(configuration.__getitem__, names))
 

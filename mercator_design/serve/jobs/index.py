@@ -152,22 +152,16 @@ class Index:
             limit: Maximum number of rows.
             offset: Rows before the page.
         """
-        conditions, values = [], list[object]()
-        if viewer is not None:
-            conditions.append("(owner = ? OR shared OR owner = '')")
-            values.append(viewer)
-        if states:
-            conditions.append(f"state IN ({', '.join('?' * len(states))})")
-            values += states
-        if owner:
-            conditions.append("owner = ?")
-            values.append(owner)
-        if text:
-            conditions.append("(instr(lower(name), lower(?)) OR instr(lower(id), lower(?)))")
-            values += [text, text]
-        if shared:
-            conditions.append("shared")
-        where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
+        filters: list[tuple[bool, str, Sequence[object]]] = [
+            (viewer is not None, "(owner = ? OR shared OR owner = '')", [viewer]),
+            (bool(states), f"state IN ({', '.join('?' * len(states))})", states),
+            (bool(owner), "owner = ?", [owner]),
+            (bool(text), "(instr(lower(name), lower(?)) OR instr(lower(id), lower(?)))", [text, text]),
+            (shared, "shared", []),
+        ]
+        asked = [(condition, given) for is_asked, condition, given in filters if is_asked]
+        where = f"WHERE {' AND '.join(condition for condition, _ in asked)}" if asked else ""
+        values = [value for _, given in asked for value in given]
         if order not in ORDERS:
             raise ValueError(order)
         way = "DESC" if descending else "ASC"

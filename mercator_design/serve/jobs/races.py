@@ -110,9 +110,7 @@ def lines_from(journal: Path, place: int) -> bytes:
     try:
         with journal.open("rb") as file:
             file.seek(place)
-            data = file.read(CHUNK)
-            while data and b"\n" not in data and (more := file.read(CHUNK)):
-                data += more
+            data = file.read(CHUNK) + file.readline()
     except FileNotFoundError:
         return b""
     return data[: data.rfind(b"\n") + 1]

@@ -1,7 +1,7 @@
 """Work on FSMs for the desk: checks, evaluations, replays."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -136,16 +136,14 @@ def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequen
     found = Comparison(evaluated, simulator)
     objective = simulator.mission.objective
     axis = Axis(f"score ({objective.name}, {objective.direction})")
-    return {**comparison_data(found, simulator, seed=seed), "chart": interval_chart(_dots(found), axis)}
+    return {**comparison_data(found, simulator, seed=seed), "chart": interval_chart([*_dots(found)], axis)}
 
 
-def _dots(found: Comparison) -> list[Dot]:
-    dots = []
+def _dots(found: Comparison) -> Iterator[Dot]:
     for k, one in enumerate(found.of):
         p, scores = found.p_values.get(k), one.scores
         remark = "best mean" if k == found.best and len(found.of) > 1 else "" if p is None else p_text(p)
-        dots.append(Dot(one.name, scores.mean, *scores.interval, scores.values, remark, k, scores.quartiles))
-    return dots
+        yield Dot(one.name, scores.mean, *scores.interval, scores.values, remark, k, scores.quartiles)
 
 
 def replays(machines: Machines, seed: int) -> list[Replay]:

@@ -1,10 +1,10 @@
 """What a run folder says of its race: its facts for lists, and its events for those who follow it."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import fmean
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mercator_design.config.checked_lines import checked_text
 from mercator_design.errors import MercatorError
@@ -70,8 +70,7 @@ class RaceStatus:
         return provenance.budget == self.record.budget and (self.folder / winner).exists()
 
 
-@dataclass(frozen=True, slots=True)
-class JournalEvent:
+class JournalEvent(NamedTuple):
     """An event of a journal.
 
     place: The number of bytes of the journal until its end: whoever has read it goes on there.
@@ -116,17 +115,15 @@ def lines_from(journal: Path, place: int) -> bytes:
     return data[: data.rfind(b"\n") + 1]
 
 
-def events_in(lines: bytes, place: int) -> list[JournalEvent]:
+def events_in(lines: bytes, place: int) -> Iterator[JournalEvent]:
     """The events in whole lines of a journal that begin at a place.
 
     Raises:
         ValueError: The journal is damaged.
     """
-    found = []
     for line in lines.splitlines(keepends=True):
         place += len(line)
-        found.append(_event(line, place))
-    return found
+        yield _event(line, place)
 
 
 def _event(line: bytes, place: int) -> JournalEvent:

@@ -4,7 +4,6 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
@@ -40,8 +39,7 @@ class Told(NamedTuple):
     data: dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class _Raced:
+class _Raced(NamedTuple):
     """What a display needs to know of a race elsewhere."""
 
     name: str
@@ -144,8 +142,6 @@ def _words(job: dict[str, Any]) -> str:
 
 def result(job: dict[str, Any]) -> str:
     """What a job that has ended has come to."""
-    best = job.get("best")
-    score = f", best {best:.4g}" if isinstance(best, float | int) and math.isfinite(best) else ""
-    tested = job.get("tested")
-    score += f", tested {tested:.4g}" if isinstance(tested, float | int) and math.isfinite(tested) else ""
-    return f"{job.get('id')}: {_words(job)}, {job.get('experiments')} of {job.get('budget')} experiments{score}"
+    known = [(key, value) for key in ("best", "tested") if isinstance(value := job.get(key), float | int)]
+    scores = "".join(f", {key} {value:.4g}" for key, value in known if math.isfinite(value))
+    return f"{job.get('id')}: {_words(job)}, {job.get('experiments')} of {job.get('budget')} experiments{scores}"

@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope
@@ -147,13 +147,9 @@ class Gone(Exception):  # noqa: N818 - nothing is wrong
 
 def replayed(body: bytes, receive: Receive) -> Receive:
     """What an application receives of a request whose body was read."""
-    given = False
+    given: Iterator[Message] = iter([{"type": "http.request", "body": body, "more_body": False}])
 
     async def again() -> Message:
-        nonlocal given
-        if given:
-            return await receive()
-        given = True
-        return {"type": "http.request", "body": body, "more_body": False}
+        return next(given, None) or await receive()
 
     return again

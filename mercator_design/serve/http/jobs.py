@@ -60,8 +60,7 @@ def show(row: VisibleJob) -> Job:
 @router.patch("/jobs/{id}")
 def change(service: TheService, row: OwnJob, body: JobChange) -> Job:
     """Extend the budget of a job, change its priority, share it."""
-    changed = service.jobs.change(row.id, budget=body.budget, priority=body.priority, shared=body.shared)
-    return Job.of(changed)
+    return Job.of(service.jobs.change(row.id, **body.model_dump()))
 
 
 @router.post("/jobs/{id}/pause")

@@ -81,7 +81,7 @@ class DesignAnswer(BaseModel):
     @classmethod
     def of(cls, design: Design) -> "DesignAnswer":
         """The answer on a design."""
-        names = ("id", "owner", "name", "mission", "direction", "mean", "created", "shared")
+        names = cls.model_fields.keys() - {"runs"}
         return cls(runs=len(design.scores), **{name: getattr(design, name) for name in names})
 
 

@@ -79,11 +79,10 @@ def completions(text: str, line: int, column: int) -> Completions:
         return nothing
     start, rest = found.start("word"), _AFTER.sub("", after, count=1)
     at_start = found["what"].strip() == ""
-    for colon in (":", "") if at_start and not rest.startswith(":") else ("",):
-        lines[line - 1] = f"{before[:start]}{_CURSOR}{colon} {rest}" if colon else f"{before[:start]}{_CURSOR}{rest}"
+    for colon in (": ", "") if at_start and not rest.startswith(":") else ("",):
+        lines[line - 1] = f"{before[:start]}{_CURSOR}{colon}{rest}"
         root = Outline.of("\n".join(lines)).root
-        way = _way_to_cursor(root) if root else None
-        if root is not None and way is not None:
+        if root is not None and (way := _way_to_cursor(root)) is not None:
             options: dict[str, Completion] = {}
             for each in _options(root, way):
                 options.setdefault(each.label, each)

@@ -5,7 +5,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,10 +34,10 @@ class _State(NamedTuple):
 
 @dataclass(slots=True)
 class _Entry:
-    lock: threading.Lock = field(default_factory=threading.Lock)
+    is_at_work: bool = False  # whether it is being computed
     part: Part | None = None  # the latest
     problem: MercatorError | None = None  # why there is no newer one
-    state: "_State | None" = None  # of the folder, as the part shows it
+    state: _State | None = None  # of the folder, as the part shows it
     again: float = 0.0  # from when on it may be computed again
 
 
@@ -75,11 +75,8 @@ class Kept:
             if entry.problem is not None:
                 raise copy(entry.problem)  # each raising adds to the traceback of an error
             return entry.part, is_same
-        if not entry.lock.acquire(blocking=False):
-            return entry.part, False
         user = ASKED_BY.get()
-        if not self._begin(user):
-            entry.lock.release()
+        if not self._begin(entry, user):
             return entry.part, False
         try:
             begin = self._clock()
@@ -98,13 +95,14 @@ class Kept:
         finally:
             with self._lock:
                 self._at_work[user] -= 1
-            entry.lock.release()
+                entry.is_at_work = False
 
-    def _begin(self, user: str) -> bool:
-        """Whether a user may have one more computation, which begins then."""
+    def _begin(self, entry: _Entry, user: str) -> bool:
+        """Whether nobody computes a part, and a user may have one more computation, which begins then."""
         with self._lock:
-            if self._at_work[user] >= self._most:
+            if entry.is_at_work or self._at_work[user] >= self._most:
                 return False
+            entry.is_at_work = True
             self._at_work[user] += 1
             return True
 

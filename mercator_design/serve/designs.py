@@ -62,7 +62,6 @@ class Designs(Records[Design]):
                 _log.error("%s", error)
 
     def get(self, identity: str) -> Design | None:
-        """A design."""
         return self._known.get(identity)
 
     def find(self, viewer: str | None, *, owner: str = "", text: str = "", shared: bool = False) -> list[Design]:

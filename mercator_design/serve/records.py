@@ -46,15 +46,12 @@ class Records(Generic[R]):
         folder.mkdir(parents=True, exist_ok=True)
 
     def folder(self, identity: str) -> Path:
-        """The folder of a record."""
         return self._folder / identity
 
     def file(self, identity: str) -> Path:
-        """The file of a record."""
         return self.folder(identity) / self._file
 
     def ids(self) -> list[str]:
-        """The ids of all records."""
         return sorted(file.parent.name for file in self._folder.glob(f"*/{self._file}"))
 
     def add(self, record: R, texts: Mapping[str, str]) -> None:

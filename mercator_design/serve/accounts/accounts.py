@@ -61,7 +61,6 @@ class Accounts:
         self._verifier = ThreadPoolExecutor(1, "verifier")  # scrypt is slow on purpose: one at a time
 
     def close(self) -> None:
-        """Close the files."""
         self._verifier.shutdown(cancel_futures=True)
         self.sessions.close()
         self.audit.close()

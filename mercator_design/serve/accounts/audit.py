@@ -48,7 +48,6 @@ class Audit:
         self._handler.handle(logging.makeLogRecord({"msg": json.dumps(line | {"answer": answer})}))
 
     def close(self) -> None:
-        """Close the file."""
         self._handler.close()
 
 

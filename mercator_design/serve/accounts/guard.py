@@ -54,7 +54,6 @@ def session_of(scope: Scope) -> str | None:
 
 
 def address_of(scope: Scope) -> str:
-    """The address of the client."""
     client = scope.get("client")
     return str(client[0]) if client else "unknown"
 
@@ -97,7 +96,6 @@ class Guard:
         self._max_streams, self._body_seconds, self._clock = max_streams, body_seconds, clock
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return

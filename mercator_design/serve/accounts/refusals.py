@@ -107,7 +107,6 @@ def check_kind(headers: Headers, *, is_login: bool) -> None:
 
 
 def has_body(headers: Headers) -> bool:
-    """Whether a request has a body."""
     return "transfer-encoding" in headers or headers.get("content-length", "0") != "0"
 
 

@@ -29,7 +29,6 @@ class Sessions:
         self._db = database(file, _prepare)
 
     def close(self) -> None:
-        """Close the file."""
         with self._lock:
             self._db.close()
 

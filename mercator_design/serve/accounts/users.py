@@ -89,7 +89,6 @@ class Token:
             raise FieldError("expires", "expected a time in UTC") from None
 
     def is_expired(self, now: datetime) -> bool:
-        """Whether it has expired."""
         return datetime.fromisoformat(self.expires) <= now
 
     def fits(self, secret: str) -> bool:

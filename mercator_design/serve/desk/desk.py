@@ -99,7 +99,6 @@ class Desk:
             self.run(os.getpid)  # any work starts a helper
 
     def close(self) -> None:
-        """End the helpers."""
         with self._changed:
             self._is_closed = True
             for helper in self._all:

@@ -30,7 +30,6 @@ def may_see(user: User, row: Row) -> bool:
 
 
 def may_change(user: User, row: Row) -> bool:
-    """Whether a user may change a job."""
     return row.is_job and user.owns(row.owner)
 
 

@@ -55,7 +55,6 @@ class MissionGiven(Body):
     _of_one = one_of("mission", "mission_text")
 
     def source(self) -> MissionSource:
-        """The mission."""
         return MissionSource(name=self.mission, text=self.mission_text, overrides=tuple(self.set))
 
 
@@ -93,7 +92,6 @@ class JobRequest(MissionGiven):
     ] = 0
 
     def request(self) -> Request:
-        """What the job is to do."""
         return Request(
             mission=self.mission, set=tuple(self.set), budget=self.budget, method=self.method, flavour=self.flavour,
             seed=self.seed, test_runs=self.test_runs, priority=self.priority,

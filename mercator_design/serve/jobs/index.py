@@ -63,7 +63,6 @@ class Index:
         self._db.row_factory = sqlite3.Row
 
     def close(self) -> None:
-        """Close the file."""
         with self._lock:
             self._db.close()
 
@@ -77,7 +76,6 @@ class Index:
             self._known |= {row.id: row for row in rows}
 
     def remove(self, *ids: str) -> None:
-        """Remove rows."""
         with self._lock:
             self._db.executemany("DELETE FROM jobs WHERE id = ?", [(one,) for one in ids])
             for one in ids:
@@ -108,7 +106,6 @@ class Index:
             return row
 
     def all(self) -> list[Row]:
-        """All rows."""
         return self._rows("", [])
 
     def of_no_job(self) -> list[Row]:

@@ -76,7 +76,6 @@ class Launcher:
 
 
 def last_messages(output: Path) -> str:
-    """The last messages of a process."""
     try:
         with output.open("rb") as file:
             file.seek(max(0, output.stat().st_size - _MAX_OUTPUT))

@@ -262,7 +262,6 @@ class Supervisor:
             run.job, run.started = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
 
     def _end(self, run: Running, code: int) -> None:
-        """Note the end of a process."""
         identity = run.job.id
         job = self._job_of(run)
         run.status = RaceStatus(run.status.folder)

@@ -30,7 +30,6 @@ class Asset:
 
 @cache
 def assets() -> MappingProxyType[str, Asset]:
-    """All assets by their names."""
     own = files(__package__).joinpath("assets")
     texts = {one.name: one.read_bytes() for one in own.iterdir() if one.name.endswith(tuple(_TYPES))}
     made = {
@@ -51,7 +50,6 @@ def assets() -> MappingProxyType[str, Asset]:
 
 @router.get("/assets/{name}")
 def asset(name: str) -> Response:
-    """A script or a style."""
     found = assets().get(name)
     if found is None:
         raise Missing(f"there is no asset {name}")

@@ -59,7 +59,6 @@ _TheParts = Annotated[Kept, Depends(_kept)]
 
 @router.get("")
 def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
-    """The page of a job."""
     at = escaped(api_address(row))
     replay = section(
         "replay", "Replay",

@@ -46,7 +46,6 @@ def api_address(row: Row, after: str = "") -> str:
 
 
 def button(row: Row, action: Action) -> Html:
-    """The button of an action."""
     path = address(row, action.path)
     confirm = f' data-confirm="{escaped(action.confirm)}"' if action.confirm else ""
     danger = ' class="danger"' if action.confirm else ""

@@ -116,7 +116,6 @@ class Kept:
 
 
 def _state(folder: Path) -> _State:
-    """The state of a run folder."""
     turns: list[object] = [is_locked(folder / JOURNAL)]
     for name in (PROVENANCE, PROOF):
         try:

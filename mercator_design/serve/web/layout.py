@@ -89,7 +89,6 @@ def _navigation(user: User | None, here: str) -> Html:
 
 
 def problem_page(request: Request, problem: Problem) -> HTMLResponse:
-    """The page of an error."""
     messages = "".join(f'<p class="problem">{escaped(one)}</p>' for one in problem.errors)
     back = '<p><a href="/">To the jobs</a></p>'
     return page(problem.title, messages, back, user=getattr(request.state, "user", None), status=problem.status)

@@ -23,7 +23,6 @@ _WRONG = "This token is not known, has expired or was revoked."
 
 @router.get(LOGIN)
 def login_form(request: Request, target: Annotated[str, Query(alias="to", max_length=_MAX_TARGET)] = "/") -> Response:
-    """The page on which one logs in."""
     return RedirectResponse("/", 303) if request.state.user else login_page(target)
 
 
@@ -51,7 +50,6 @@ async def log_in(request: Request, service: TheService) -> Response:
 
 @router.post(LOGOUT)
 def log_out(request: Request, service: TheService) -> Response:
-    """End a session."""
     if (secret := session_of(request.scope)) is not None:
         service.accounts.sessions.end(secret)
     response = RedirectResponse(LOGIN, 303)

@@ -80,7 +80,6 @@ class DesignAnswer(BaseModel):
 
     @classmethod
     def of(cls, design: Design) -> "DesignAnswer":
-        """The answer on a design."""
         names = cls.model_fields.keys() - {"runs"}
         return cls(runs=len(design.scores), **{name: getattr(design, name) for name in names})
 

@@ -81,7 +81,6 @@ class Modules(BaseModel):
 
     @classmethod
     def of(cls, flavour: Flavour) -> "Modules":
-        """The modules of a flavour."""
         behaviours, conditions = (
             [ModuleAnswer.of(number, module, words[module.name]) for number, module in numbered(table, flavour).items()]
             for table, words in ((BEHAVIOURS, BEHAVIOUR_WORDS), (CONDITIONS, CONDITION_WORDS))

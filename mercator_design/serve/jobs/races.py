@@ -44,8 +44,6 @@ class RaceStatus:
     def best(self) -> float | None:
         """The mean score of the winner, or of the best configuration so far."""
         record = self.record
-        if not (record.iterations or record.ends):
-            return None
         key = (len(record.iterations), len(record.ends), len(record.budgets), sum(map(len, record.revised.values())))
         if key != self._key:  # hot: asked several times a second, and all experiments are looked at
             scores = {} if record.leader is None else record.scores_of(record.leader)

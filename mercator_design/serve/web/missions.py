@@ -49,17 +49,16 @@ def new(
     job: Annotated[str, Query(alias="from", max_length=MAX_ID)] = "",
 ) -> HTMLResponse:
     """A new job: from a shipped mission, or from the mission of another job."""
-    request, name, problem = Request(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, ""
-    text, start = "", f"mission:{name}"
+    request, name, text, problem = Request(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, "", ""
     try:
         if job:
             row = visible_job(service, user, job)
-            text, start, name = text_of_job(service, row), f"job:{row.id}", ""
-            request = _request_of(service, row)
+            text, request, name = text_of_job(service, row), _request_of(service, row), ""
         elif name not in shipped.missions():
             raise MissionError(f"there is no shipped mission {name}")
     except MercatorError as error:
-        problem, name, start = str(error), _FIRST, f"mission:{_FIRST}"
+        problem, name = str(error), _FIRST
+    start = f"mission:{name}" if name else f"job:{job}"
     if name:
         text = _named(text_of(shipped.missions()[name], error=MissionError), name)
     body = (

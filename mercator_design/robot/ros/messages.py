@@ -134,11 +134,10 @@ def range_array(seconds: float, distances: Sequence[float], namespace: str = "")
 
 
 def _vector(sample: Sample) -> Fields:
-    x, y, *z = sample.values
-    return _rvr_axes(x, y, z[0] if z else 0.0)
+    return _rvr_axes(*sample.values)
 
 
-def _rvr_axes(forwards: float, left: float, up: float) -> Fields:
+def _rvr_axes(forwards: float, left: float, up: float = 0.0) -> Fields:
     return {"x": -left, "y": forwards, "z": up}
 
 

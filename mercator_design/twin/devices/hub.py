@@ -18,7 +18,6 @@ from mercator_design.twin.devices import next_due
 
 RATE = 50.0
 """[1/s] Measurements of all sensors together; a frame has one of each sensor in use (data sheet of 2017)."""
-_CHOOSE = use_sensors(0).code
 
 
 class TwinHub:
@@ -60,7 +59,7 @@ class TwinHub:
         done = True
         if command in (TEXT_MODE, BINARY_MODE):
             self._text = command == TEXT_MODE
-        elif command.code == _CHOOSE and command == use_sensors(command.arguments[-1]):
+        elif command == use_sensors(command.arguments[-1]):
             self._mask = command.arguments[-1]
         else:
             done = False

@@ -131,9 +131,9 @@ class Follower:
     def begin(self, now: float, cycle: float) -> str:
         """The line that reports the first control cycle, of `cycle` seconds; if it must not begin, `why` is set."""
         self.check_silence(now)
-        if not self.why and (self.at is None or not self._may_go):
+        if self.at is None or not self._may_go:
             self._end("the start was not confirmed by all robots in time")
-        if not self.why and self.at is not None and not 0.0 <= now - self.at <= cycle:
+        elif not 0.0 <= now - self.at <= cycle:
             self._end(f"the start is late by {now - self.at:.2f} s: is this computer too busy?")
         return to_line("failed", why=self.why) if self.why else to_line("started", at=now)
 

@@ -261,10 +261,9 @@ class Leader:
 
     def spread(self) -> tuple[float, float]:
         """The time between the first and the last robot's beginning, and its uncertainty [s]."""
-        pairs = [*itertools.combinations(self._robots.values(), 2)]
         apart = [
             (abs(one.began - other.began), one.difference.uncertainty + other.difference.uncertainty)
-            for one, other in pairs
+            for one, other in itertools.combinations(self._robots.values(), 2)
         ]
         return max(apart, key=sum, default=(0.0, 0.0))
 

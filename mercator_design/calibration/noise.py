@@ -214,7 +214,7 @@ def fit_noise(levels: Levels, random: np.random.Generator) -> Noise:
     simulated = [_simulated(levels, family, fit, random) for _ in range(SIMULATIONS)]
     refits = [family.fit(each) for each in simulated]
     distance = _distance(levels, family, fit)
-    farther = sum(_distance(*each) >= distance for each in zip(simulated, [family] * SIMULATIONS, refits, strict=True))
+    farther = sum(_distance(one, family, refit) >= distance for one, refit in zip(simulated, refits, strict=True))
     ratios = np.array([each.parameter for each in refits]) / fit.parameter
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, middle, high = (fit.parameter / float(ratio) for ratio in np.quantile(ratios, [1.0 - tail, 0.5, tail]))

@@ -77,8 +77,7 @@ class TwinSenses:
         self._colours = None
 
     def reset_yaw(self) -> None:
-        _, *self_place = self.place()
-        self._base, self._from, self._zero = (self_place[0], self_place[1]), self._world_place(), self._world_yaw()
+        self._base, self._from, self._zero = self.place()[1:], self._world_place(), self._world_yaw()
 
     def reset_locator_x_and_y(self) -> None:
         self._base, self._from = (0.0, 0.0), self._world_place()

@@ -22,14 +22,7 @@ class TwinRobot:
     """A robot of an arena, switched on at the time 0."""
 
     def __init__(self, arena: TwinArena, number: int, script: Script, log: Log) -> None:
-        """Switch a robot on.
-
-        Args:
-            arena: The arena.
-            number: The robot's number.
-            script: The faults of all robots.
-            log: Called with each event of the robot.
-        """
+        """Switch on the robot with this number; the script has the faults of all robots."""
         measure = functools.partial(arena.measure, number)
         self.rvr = TwinRvr(measure, tread_distance=arena.robot_model.drive.tread_distance, number=number)
         self.lidar = TwinLidar(functools.partial(arena.scan, number), samples=arena.samples, number=number)

@@ -139,10 +139,7 @@ class ExclusivePort(serial.Serial):
 def open_port(device: DeviceName, name: str, until: float = -math.inf) -> serial.Serial:
     """Open one of the three ports for this program alone; errors are those of `open_ports`.
 
-    Args:
-        device: The device at the port.
-        name: Name of the port.
-        until: Time of the last attempt [s, of time.monotonic()]; there is always one.
+    `until` is the time of the last attempt [s, of time.monotonic()]; there is always one.
     """
     while True:
         try:

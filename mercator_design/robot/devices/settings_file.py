@@ -19,11 +19,7 @@ _WIDE = 10**6  # columns, so that a value is written in one line
 
 
 def change(path: Path, **values: object) -> None:
-    """Change settings in their file, atomically.
-
-    Args:
-        path: The file.
-        values: Values by key; entries of a mapping that are not given stay.
+    """Change settings in their file, atomically; entries of a mapping that are not given stay.
 
     Raises:
         SettingsError: if the file is not valid before or after the change; then it stays as it is.

@@ -64,11 +64,7 @@ class Log:
     """
 
     def __init__(self, path: Path, ending: str = "The duration is over") -> None:
-        """Make one; entering its context makes a new file.
-
-        Args:
-            path: The file.
-            ending: Why the log ends, if there is no error.
+        """Make one; entering its context makes a new file. `ending` is why it ends, if there is no error.
 
         Raises:
             RobotError: on entering, if the file cannot be written, or exists.
@@ -178,11 +174,9 @@ def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def read(path: Path, kind: LogKind | None = "run") -> Generator[LogEvent, None, None]:
-    """The events of a log; an incomplete last line is ignored. Who stops before the last one closes it.
+    """The events of a log of a kind; None: of any kind. An incomplete last line is ignored.
 
-    Args:
-        path: The log.
-        kind: Its expected kind; None: any.
+    Who stops before the last event closes the generator.
 
     Raises:
         RobotError: if it cannot be read, is not a log or not of that kind, has events that this version does not write,
@@ -247,11 +241,7 @@ def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:
 
 
 def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
-    """Run the controller of a log again on its readings and draws.
-
-    Args:
-        path: The log.
-        warn: Called in the end if the log has no end.
+    """Run the controller of a log again on its readings and draws; `warn` is called if the log has no end.
 
     Raises:
         RobotError: as `read`, or if this version cannot have written the log.

@@ -97,9 +97,7 @@ class Mercator:
     def attend(self, until: float, taken: list[Heard] | None = None) -> list[Heard]:
         """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
 
-        Args:
-            until: The time.
-            taken: The list for the events, which has those before an error too; None: a new one.
+        They are added to the list `taken`, which has those before an error too; None: to a new one.
 
         Raises:
             RobotStopped: if a device reports that the robot must not drive, or a port is lost.

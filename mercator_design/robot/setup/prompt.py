@@ -15,9 +15,7 @@ _TIMEOUT = 0.1  # [s] of waiting for a byte
 def ask(what: str, meanwhile: Callable[[], None]) -> None:
     """Ask the user, or a script that writes a line, to do something; wait for Enter.
 
-    Args:
-        what: The request.
-        meanwhile: Called repeatedly, to read the devices.
+    `meanwhile` is called repeatedly, to read the devices.
 
     Raises:
         RobotError: at the end of the input.

@@ -93,7 +93,6 @@ class TwinArena:
         self._driven = np.zeros((len(self._latest.poses), n, 2))
         self._ways = np.zeros((n, 2))
         self._scans = np.zeros((n, fine.beams))
-        self._is_scanned = False
         self._measured: dict[str, Floats] = {TREADS: self._ways}
         compiled(note_poses)(self._swarm, self._latest, 0)
 
@@ -133,7 +132,6 @@ class TwinArena:
             with reporting_kernels(self._dynamics):
                 compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
         self._measured = {TREADS: self._ways}
-        self._is_scanned = False
 
     def measure(self, robot: int, device: str) -> Sequence[float]:
         """The measurement of a robot's device, TREADS or one of MEASURED, in its units, with y forwards."""
@@ -144,9 +142,9 @@ class TwinArena:
 
     def scan(self, robot: int) -> Floats:
         """FINE ranges [m] around a robot for each sample of its lidar; 0 if nothing is in range."""
-        if not self._is_scanned:
+        if "lidar" not in self._measured:
             compiled(_scan)(self._scene, self._swarm, self.ticks, self._scans)
-            self._is_scanned = True
+            self._measured["lidar"] = self._scans
         ranges: Floats = self._scans[robot]
         return ranges
 

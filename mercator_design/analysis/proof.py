@@ -17,7 +17,7 @@ from mercator_design.config.writing import plain
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.modules import ModuleParameter, numbered
+from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
@@ -76,7 +76,7 @@ class Proof:
 
 def default_runs(designer: Designer, record: Record) -> int:
     """The number of instances for which the experiments are about 8 % of the budget; at least 5, at most 50."""
-    n = len(_contestants(designer, record))
+    n = len(_contestants(designer, record, 1))
     return max(_FEWEST, min(_MOST, int(_SHARE * record.budget / n)))
 
 
@@ -124,8 +124,8 @@ def prove(
         MercatorError: An experiment failed, or the proof cannot be written.
     """
     seeds = tuple(instance_seed(designer.optimizer.seed, "proof", instance) for instance in range(runs))
-    contestants = _contestants(designer, record)
-    items = [(pfsm_on(instance), seeds[instance]) for _, pfsm_on in contestants for instance in range(runs)]
+    contestants = _contestants(designer, record, runs)
+    items = [one for pfsms in contestants.values() for one in zip(pfsms, seeds, strict=True)]
     found = in_order(executor, designer.function, items, lambda done: watch(done, len(items)), stopped)
     scores = [one.score for one in found]
     proof = Proof(
@@ -134,10 +134,10 @@ def prove(
         contestants=tuple(
             Contestant(
                 name=name,
-                fsm="" if name == RANDOM else to_text(pfsm_on(0)),
+                fsm="" if name == RANDOM else to_text(pfsms[0]),
                 scores=tuple(scores[k * runs : (k + 1) * runs]),
             )
-            for k, (name, pfsm_on) in enumerate(contestants)
+            for k, (name, pfsms) in enumerate(contestants.items())
         ),
     )
     with writing(folder / PROOF, RaceError):
@@ -145,39 +145,30 @@ def prove(
     return proof
 
 
-def _contestants(designer: Designer, record: Record) -> list[tuple[str, Callable[[int], Pfsm]]]:
-    """The name of each contestant, and its PFSM on an instance; the winner first."""
+def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, list[Pfsm]]:
+    """The PFSM of each contestant on each instance, by the contestant's name; the winner first."""
     flavour, space = designer.flavour, designer.optimizer.space
     draws = generator(designer.optimizer.seed, "proof, random PFSMs")
-    randoms: list[Pfsm] = []
 
-    def random(instance: int) -> Pfsm:
-        while len(randoms) <= instance:
-            drawn = space.build(lambda parameter, bounds: parameter.quantile(float(draws.random()), bounds))
-            randoms.append(to_pfsm(drawn, flavour))
-        return randoms[instance]
-
-    def always(pfsm: Pfsm) -> Callable[[int], Pfsm]:
-        return lambda _: pfsm
+    def random() -> Pfsm:
+        drawn = space.build(lambda parameter, bounds: parameter.quantile(float(draws.random()), bounds))
+        return to_pfsm(drawn, flavour)
 
     winner = record.ends[-1].winner
     others = [number for one in reversed(record.ended) for number in one.elites if number != winner]
-    raced = [("winner", winner), *([(RUNNER_UP, others[0])] if others else [])]
-    return [
-        *((name, always(to_pfsm(record.configurations[number], flavour))) for name, number in raced),
-        (RANDOM, random),
-        *(
-            (
-                behaviour.name.replace("_", " ") + ALONE,
-                always(_one_state(behaviour.name, behaviour.parameters, flavour)),
-            )
+    raced = {"winner": winner, **({RUNNER_UP: others[0]} if others else {})}
+    return {
+        **{name: [to_pfsm(record.configurations[number], flavour)] * runs for name, number in raced.items()},
+        RANDOM: [random() for _ in range(runs)],
+        **{
+            behaviour.name.replace("_", " ") + ALONE: [_one_state(behaviour, flavour)] * runs
             for behaviour in numbered(BEHAVIOURS, flavour).values()
-        ),
-    ]
+        },
+    }
 
 
-def _one_state(behaviour: str, parameters: tuple[ModuleParameter, ...], flavour: str) -> Pfsm:
+def _one_state(behaviour: Module, flavour: str) -> Pfsm:
     """A PFSM of one state, whose parameters are in the middle of their domains."""
-    middles = (sum(parameter.sampled) / 2 for parameter in parameters)
-    values = (float(round(m)) if p.integer else m for p, m in zip(parameters, middles, strict=True))
-    return Pfsm((State(behaviour, tuple(values)),), flavour)
+    middles = ((one, sum(one.sampled) / 2) for one in behaviour.parameters)
+    values = tuple(float(round(middle)) if one.integer else middle for one, middle in middles)
+    return Pfsm((State(behaviour.name, values),), flavour)

@@ -87,9 +87,9 @@ class Thread(NamedTuple):
     is_bold: bool = False
 
 
-def ticks(low: float, high: float, n: int = 5, *, whole: bool = False) -> list[float]:
-    """At most n + 1 round numbers between two."""
-    step = max(rounded_up((high - low or 1.0) / n), float(whole))
+def ticks(low: float, high: float, *, whole: bool = False) -> list[float]:
+    """At most six round numbers between two."""
+    step = max(rounded_up((high - low or 1.0) / 5), float(whole))
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
@@ -140,7 +140,6 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
     frame = _Frame(
         x=x._replace(low=-0.5, high=len(names) - 0.5, categories=tuple(names)),
         y=y,
-        xs=[],
         ys=[0.0, *sums],
         legend=[kind.name for kind in kinds],
     )
@@ -167,13 +166,10 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
         x=x,
         y=Axis(""),
         xs=[value for row in rows for value in (row.low, row.high, *row.values)],
-        ys=[0.0, 1.0],
         width=max(WIDTH, left + right + 240.0),
         height=_ROW * len(rows) + 56.0,
         left=left,
         right=right,
-        legend=[],
-        is_bare=True,
     )
     drawn = []
     for k, row in enumerate(rows):
@@ -278,18 +274,17 @@ def viridis(share: float) -> str:
 
 @dataclass(kw_only=True)
 class _Frame:
-    """Axes with their ticks and titles, and the legend above."""
+    """Axes with their ticks and titles, and the legend above; without an axis at the left if y has no name."""
 
     x: Axis
     y: Axis
-    xs: Sequence[float]
-    ys: Sequence[float]
-    legend: Sequence[str]  # names of lines or kinds, whose colours are in this order
+    xs: Sequence[float] = ()
+    ys: Sequence[float] = ()
+    legend: Sequence[str] = ()  # names of lines or kinds, whose colours are in this order
     width: float = WIDTH
     height: float = 270.0
     left: float = 58.0
     right: float = 14.0
-    is_bare: bool = False  # without an axis at the left
 
     def __post_init__(self) -> None:
         self.places = list(_legend_places(self.legend, self.left, self.width))
@@ -317,7 +312,7 @@ class _Frame:
             if not self.x.categories:
                 yield f'<path class="grid" d="M{x:.1f} {self.top:.1f}V{self.bottom:.1f}"/>'
             yield _text(x, self.bottom + 16, label(name, 9), "middle", is_tick=True)
-        if not self.is_bare:
+        if self.y.name:
             for mark in ticks(*self.y_range, whole=self.y.whole):
                 y = self.at(0.0, mark)[1]
                 yield f'<path class="grid" d="M{self.left} {y:.1f}H{end}"/>'

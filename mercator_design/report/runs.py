@@ -93,11 +93,9 @@ def side_by_side(folders: Sequence[Path]) -> str:
     Raises:
         RaceError: A folder has no race that has begun, or its journal is corrupt.
     """
-    races = [(folder, _begun(folder)) for folder in folders]
-    columns = [{"": str(folder), **_cells(folder, reading)} for folder, reading in races]
-    rows = {name: [column[name] for column in columns] for name in columns[0]}
-    known = [(name, *cells) for name, cells in rows.items() if any(cell is not None for cell in cells)]
-    return "\n".join(aligned(known))
+    columns = [_cells(folder, _begun(folder)) for folder in folders]
+    rows = zip(columns[0], *(column.values() for column in columns), strict=True)
+    return "\n".join(aligned([row for row in rows if any(cell is not None for cell in row[1:])]))
 
 
 def races_json(folders: Sequence[Path]) -> list[dict[str, Any]]:
@@ -117,6 +115,7 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
     record, run = reading.record, run_of(folder, reading)
     start, winner = record.start, run["winner"]
     return {
+        "": str(folder),
         "name": start["name"],
         "task": start["task"],
         "mission digest": start.get("mission_digest"),

@@ -68,11 +68,8 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     if not record.start:
         raise RaceError(f"{path}: no race has begun here yet")
     names, rows = configuration_rows(record)
-    columns = [
-        pd.Series([row[k] for row in rows], name=name, dtype=_DTYPES.get(name, object)) for k, name in enumerate(names)
-    ]
-    numbers, *others = columns
-    return pd.concat(others, axis=1).set_index(numbers)
+    dtypes = {name: dtype for name, dtype in _DTYPES.items() if name in names}
+    return pd.DataFrame(rows, columns=names, dtype=object).astype(dtypes).set_index("configuration")
 
 
 def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":

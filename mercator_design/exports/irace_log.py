@@ -64,11 +64,6 @@ def _table(columns: dict[str, NDArray[Any]]) -> _RValue:
 def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
     """Write the log of a race, which need not be complete.
 
-    Args:
-        path: The file.
-        task: The task of the race.
-        record: The record of the race.
-
     Raises:
         RaceError: There is no package rdata, no experiment yet, or the file cannot be written.
     """

@@ -124,12 +124,7 @@ def conversing(
 
 
 def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[tuple[str, list[bytes] | None]]:
-    """The lines of conversations that have not ended, by name; None if one ends now.
-
-    Args:
-        conversations: The conversations by name.
-        seconds: Maximum time to wait [s].
-    """
+    """The lines of conversations that have not ended, by name; None if one ends now. Waits for some seconds at most."""
     with selectors.DefaultSelector() as selector:
         for name, each in conversations.items():
             if not each.has_ended:

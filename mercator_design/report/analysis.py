@@ -182,12 +182,7 @@ def _finite(text: str) -> float:
 
 
 def save_ablation(path: Path, ablation: Ablation, *, caption: str) -> None:
-    """Draw a path of changes: mean scores with their confidence intervals.
-
-    Args:
-        path: The picture; its suffix .png or .svg is the format.
-        ablation: The result to draw.
-        caption: Line below the chart.
+    """Draw a path of changes: mean scores with their confidence intervals; the suffix .png or .svg is the format.
 
     Raises:
         OSError: The picture cannot be written.

@@ -68,12 +68,7 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
 
 
 def save_noise(path: Path, calibration: Calibration, *, caption: str) -> None:
-    """Draw a histogram of the noise of each sensor, and the fitted distribution.
-
-    Args:
-        path: The picture; its suffix .png or .svg is the format.
-        calibration: The result to draw.
-        caption: Line below the histograms.
+    """Draw a histogram of the noise of each sensor, and the fitted distribution; the suffix .png or .svg is the format.
 
     Raises:
         OSError: The picture cannot be written.

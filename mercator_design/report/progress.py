@@ -220,16 +220,7 @@ class Raced(Protocol):
 
 
 class RaceDisplay(Display):
-    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time.
-
-    Args:
-        task: The task of the race.
-        budget: Its budget.
-        testing: Its tests.
-        mode: How to show it.
-        progress: Returns the progress.
-        clock: Seconds.
-    """
+    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time."""
 
     def __init__(
         self,

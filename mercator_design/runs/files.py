@@ -139,11 +139,7 @@ def without_provenance(path: Path) -> str:
 
 
 def read_journal(path: Path, before: Reading | None = None) -> Reading:
-    """Read the journal of a run folder, which another process may be writing.
-
-    Args:
-        path: The run folder.
-        before: An earlier reading, which goes on.
+    """Read the journal of a run folder, which another process may be writing; an earlier reading goes on.
 
     Raises:
         OtherVersion: see there.

@@ -21,13 +21,7 @@ from mercator_design.view.markup import escaped
 
 
 def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
-    """The section of the winner.
-
-    Args:
-        facts: Of the race.
-        proof: The winner on fresh instances.
-        traces: Of runs of the winner, which tell how long robots are in each state.
-    """
+    """The section of the winner; traces of its runs tell how long robots are in each state."""
     if facts.best is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
     name = "The winner" if facts.record.is_complete else "The best so far"

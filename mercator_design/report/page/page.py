@@ -34,13 +34,7 @@ _LINKS = {
 
 
 def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> str:
-    """The page of a race, at whatever stage it is.
-
-    Args:
-        facts: Of the race.
-        proof: The winner on fresh instances.
-        without: Why there is no proof, if there is none.
-    """
+    """The page of a race, at whatever stage it is; `without` says why there is no proof."""
     runs = chosen_runs(facts, proof) if facts.record.is_complete else []
     again, problem = run_again(facts, runs)
     first = [

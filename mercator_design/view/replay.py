@@ -92,16 +92,12 @@ def replay_of(shown: ShownExperiment) -> Replay:
     if perceived.neighbours is not None:
         arrays.add("neighbours", perceived.neighbours.T)
     if perceived.seen is not None:
-        arrays.add("seen", np.packbits(_by_robot(perceived.seen), axis=2, bitorder="little").reshape(trace.robots, -1))
+        seen = np.packbits(perceived.seen.swapaxes(0, 1), axis=2, bitorder="little")
+        arrays.add("seen", seen.reshape(trace.robots, -1))
     header["grounds"] = [] if perceived.ground is None else _add_ground(arrays, perceived.ground)
     if perceived.proximity is not None:
         header["proximity"] = _add_proximity(arrays, perceived.proximity, model)
     return {"header": {**header, "layout": arrays.layout}, "data": arrays.text()}
-
-
-def _by_robot(values: NDArray[Any]) -> NDArray[Any]:
-    """(cycles, robots, ...) as (robots, cycles, ...)."""
-    return np.swapaxes(values, 0, 1)
 
 
 def _add_poses(arrays: _PackedArrays, trace: Trace) -> dict[str, Any]:
@@ -135,7 +131,7 @@ def _add_proximity(arrays: _PackedArrays, proximity: Floats, model: RobotModel) 
         return None
     furthest = sensors.range[1]
     steps = np.clip(np.rint(np.nan_to_num(_STEPS * proximity / furthest, posinf=0.0, neginf=0.0)), 0.0, _STEPS)
-    levels = _by_robot(np.where(np.isposinf(proximity), _NOTHING, steps))
+    levels = np.where(np.isposinf(proximity), _NOTHING, steps).swapaxes(0, 1)
     arrays.add("proximity", levels.reshape(len(levels), -1))
     places = [[sensors.ring_radius * np.cos(angle), sensors.ring_radius * np.sin(angle)] for angle in sensors.angles]
     return {

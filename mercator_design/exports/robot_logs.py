@@ -203,13 +203,9 @@ class _Run(ExportedLog):
                 **dict(zip(Wheels._fields, event.wheels, strict=True)),
                 "neighbour_places": json.dumps(event.neighbours, separators=(",", ":")),
                 **{
-                    f"sensed_{name}_{key}": _cell(value)
-                    for name, values in _sensed(event).items()
-                    for key, value in values.items()
-                },
-                **{
-                    f"line_{name}_{key}": value
-                    for name, values in _lines(event).items()
+                    f"{kind}_{name}_{key}": _cell(value)
+                    for kind, found in (("sensed", _sensed(event)), ("line", _lines(event)))
+                    for name, values in found.items()
                     for key, value in values.items()
                 },
             }

@@ -63,10 +63,6 @@ class Comparison:
             if self.best in (pair.first, pair.second)
         }
 
-    def equals(self) -> list[str]:
-        """The labels of those that do not differ significantly from the best."""
-        return [one.label for k, one in enumerate(self.of) if k != self.best and self.p_values.get(k, 1.0) >= ALPHA]
-
 
 def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:
     """The figures of an evaluation, a line each; given instances have no master seed."""
@@ -131,7 +127,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
             for pair in found.pairs
         ]
         lines += ["", *aligned([("pair", "mean difference", "p"), *pairs])]
-    equals = found.equals()
+    equals = [found.of[k].label for k, p in found.p_values.items() if p >= ALPHA]
     if not found.pairs:
         rest = ""
     elif equals:

@@ -26,7 +26,6 @@ def viewer_script() -> str:
 
 
 def viewer_style() -> str:
-    """The style of the viewer."""
     return _asset("viewer.css")
 
 

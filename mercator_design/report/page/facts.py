@@ -89,7 +89,6 @@ class Facts:
 
     @property
     def start(self) -> Mapping[str, Any]:
-        """The start of the race."""
         return self.record.start
 
     @property

@@ -71,7 +71,6 @@ class Follower(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """The address of the page."""
         return f"http://{HOST}:{self.server_port}/"
 
     @property

@@ -129,7 +129,6 @@ def _line_svg(arrow: Arrow) -> str:
 
 
 def _head(tip: Iterable[float], angle: float, ink: str) -> str:
-    """The head of an arrow."""
     x, y = tip
     corners = [(x, y)] + [(x - 10 * math.cos(angle + side), y - 10 * math.sin(angle + side)) for side in (-0.4, 0.4)]
     return f'<path fill="{ink}" d="M{"L".join(f"{a:.1f} {b:.1f}" for a, b in corners)}z"/>'

@@ -1,7 +1,5 @@
 """Counts the modules of a PFSM, and removes elements from it."""
 
-from dataclasses import replace
-
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.modules import numbered
@@ -51,9 +49,8 @@ def without(pfsm: Pfsm, out: frozenset[Element]) -> Pfsm:
     reached = _reached(pfsm, out)
     places = {i: place for place, i in enumerate(reached)}
     states = [
-        replace(
-            pfsm.states[i],
-            transitions=tuple(replace(t, target=places[t.target]) for _, t in _transitions(pfsm, i, out)),
+        pfsm.states[i]._replace(
+            transitions=tuple(t._replace(target=places[t.target]) for _, t in _transitions(pfsm, i, out))
         )
         for i in reached
     ]

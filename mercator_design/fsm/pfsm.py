@@ -47,8 +47,7 @@ def relative_target(state: int, target: int) -> int:
     return target if target < state else target - 1
 
 
-@dataclass(frozen=True, slots=True)
-class Transition:
+class Transition(NamedTuple):
     """An edge: a condition, with its parameters in the table's order, and the number of the target state."""
 
     condition: str
@@ -61,8 +60,7 @@ class Transition:
         return CONDITIONS[_CONDITIONS[self.condition]]
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """A node: a behaviour, with its parameters in the table's order, and the outgoing transitions."""
 
     behaviour: str

@@ -33,8 +33,8 @@ def renumbered(pfsm, order, draws):
     states = []
     for i in order:
         edges = pfsm.states[i].transitions
-        moved = [replace(edges[k], target=place[edges[k].target]) for k in draws.permutation(len(edges))]
-        states.append(replace(pfsm.states[i], transitions=tuple(moved)))
+        moved = [edges[k]._replace(target=place[edges[k].target]) for k in draws.permutation(len(edges))]
+        states.append(pfsm.states[i]._replace(transitions=tuple(moved)))
     return replace(pfsm, states=tuple(states))
 
 
@@ -104,7 +104,7 @@ class TestWhatCannotFire:
         seen = State("attraction", (2.0,), (blue,))
         never = State("stop", (), (Transition("black floor", (0.5,), 0),))
         found = self.canonical(State("exploration", (10.0,), (white, black, green)), never, seen)
-        assert found == (State("exploration", (10.0,), (replace(black, target=1),)), seen)
+        assert found == (State("exploration", (10.0,), (black._replace(target=1),)), seen)
 
     def test_an_initial_state_that_is_never_left_is_the_whole_machine(self):
         explore = State("exploration", (10.0,), (Transition("white floor", (0.5,), 1),))
@@ -123,7 +123,7 @@ class TestWhatCannotFire:
         )
         assert self.canonical(explore, State("stop", (), (white,)), third) == (
             explore,
-            State("stop", (), (replace(white, target=0),)),
+            State("stop", (), (white._replace(target=0),)),
         )
 
     def test_moves_do_not_add_it(self):

@@ -1,7 +1,6 @@
 """PFSMs in words: explanations and differences."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,19 +74,19 @@ def test_renumbering_is_no_change(pfsm):
 @pytest.mark.parametrize(
     ("states", "words"),
     [
-        ((replace(SEARCH, parameters=(35.0,)), REST), "state 'exploration': tau 20 -> 35"),
+        ((SEARCH._replace(parameters=(35.0,)), REST), "state 'exploration': tau 20 -> 35"),
         ((State("repulsion", (2.0,), (GO,)), REST),
          "state 'exploration' (now 'repulsion'): repulsion (alpha 2) instead of exploration (tau 20 cycles)"),
-        ((replace(SEARCH, transitions=(replace(GO, parameters=(0.7,)),)), REST),
+        ((SEARCH._replace(transitions=(GO._replace(parameters=(0.7,)),)), REST),
          "state 'exploration': transition to 'stop' by black floor: beta 0.5 -> 0.7"),
-        ((replace(SEARCH, transitions=()), REST),
+        ((SEARCH._replace(transitions=()), REST),
          "state 'exploration': no transition to 'stop' by black floor (beta 0.5 per cycle) any more"),
-        ((replace(SEARCH, transitions=(GO, replace(BACK, target=1))), REST),
+        ((SEARCH._replace(transitions=(GO, BACK._replace(target=1))), REST),
          "state 'exploration': new transition to 'stop' by neighbours count (xi 3 robots, eta 5)"),
-        ((replace(SEARCH, transitions=(Transition("white floor", (0.5,), 1),)), REST),
+        ((SEARCH._replace(transitions=(Transition("white floor", (0.5,), 1),)), REST),
          "state 'exploration': transition to 'stop' by black floor: "
          "white floor (beta 0.5 per cycle) instead of black floor (beta 0.5 per cycle)"),
-        ((replace(REST, transitions=(replace(BACK, target=1),)), replace(SEARCH, transitions=(replace(GO, target=0),))),
+        ((REST._replace(transitions=(BACK._replace(target=1),)), SEARCH._replace(transitions=(GO._replace(target=0),))),
          "robots begin in 'stop', before in 'exploration'"),
     ],
 )  # fmt: skip
@@ -96,7 +95,7 @@ def test_a_change_is_said_in_a_sentence(states, words):
 
 
 def test_states_that_come_and_go():
-    to_third = replace(SEARCH, transitions=(GO, Transition("white floor", (0.1,), 2)))
+    to_third = SEARCH._replace(transitions=(GO, Transition("white floor", (0.1,), 2)))
     other = Pfsm((to_third, REST, State("attraction", (2.0,), (Transition("gray floor", (1.0,), 0),))))
     assert changes(other) == ("different", [
         "state 'exploration': new transition to the new 'attraction' by white floor (beta 0.1 per cycle)",

@@ -86,8 +86,8 @@ def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> lis
         firing = tuple(filter(fires, state.transitions))
         if not firing and i > 0 and state.transitions:
             kept = min(state.transitions, key=lambda edge: (edge.condition, edge.parameters))
-            firing = (replace(kept, target=0),)
-        found.append(state if firing == state.transitions else replace(state, transitions=firing))
+            firing = (kept._replace(target=0),)
+        found.append(state if firing == state.transitions else state._replace(transitions=firing))
     return found
 
 
@@ -169,13 +169,13 @@ class _States:
         one = self._at(*place)
         k = self._any_of(range(len(one.parameters)))
         value = self._near(one.module.parameters[k], one.parameters[k])
-        self._put(*place, replace(one, parameters=(*one.parameters[:k], value, *one.parameters[k + 1 :])))
+        self._put(*place, one._replace(parameters=(*one.parameters[:k], value, *one.parameters[k + 1 :])))
         return True
 
     def change_behaviour(self) -> bool:
         i = self._any_of(range(len(self.states)))
         module = self._any_of([m for m in self._behaviours if m.name != self.states[i].behaviour])
-        self.states[i] = replace(self.states[i], behaviour=module.name, parameters=self._values(module))
+        self.states[i] = self.states[i]._replace(behaviour=module.name, parameters=self._values(module))
         return True
 
     def change_condition(self) -> bool:
@@ -186,7 +186,7 @@ class _States:
         if not (others := [m for m in self._conditions if m.name != edge.condition]):
             return False
         module = self._any_of(others)
-        self._put(i, j, replace(edge, condition=module.name, parameters=self._values(module)))
+        self._put(i, j, edge._replace(condition=module.name, parameters=self._values(module)))
         return True
 
     def redirect(self) -> bool:
@@ -197,7 +197,7 @@ class _States:
         i, j = self._any_of(edges)
         edge = self.states[i].transitions[j]
         others = [k for k in range(len(self.states)) if k not in (i, edge.target)]
-        self._put(i, j, replace(edge, target=self._any_of(others)))
+        self._put(i, j, edge._replace(target=self._any_of(others)))
         return True
 
     def add_transition(self) -> bool:
@@ -215,7 +215,7 @@ class _States:
             return False
         i, j = self._any_of(edges)
         edges_of = self.states[i].transitions
-        self.states[i] = replace(self.states[i], transitions=edges_of[:j] + edges_of[j + 1 :])
+        self.states[i] = self.states[i]._replace(transitions=edges_of[:j] + edges_of[j + 1 :])
         return True
 
     def add_state(self) -> bool:
@@ -238,10 +238,10 @@ class _States:
         new, i = len(self.states), self._any_of(free)
         for k, state in enumerate(self.states):
             moved = (
-                replace(edge, target=new) if edge.target == i and self._draws.random() < 1 / 2 else edge
+                edge._replace(target=new) if edge.target == i and self._draws.random() < 1 / 2 else edge
                 for edge in state.transitions
             )
-            self.states[k] = replace(state, transitions=tuple(moved))
+            self.states[k] = state._replace(transitions=tuple(moved))
         self.states.append(self.states[i])
         self._connect(i, new)
         if not self.states[new].transitions:
@@ -258,11 +258,11 @@ class _States:
         rest = [k for k in range(n) if k != gone]
         for k in rest:
             edges = (
-                replace(edge, target=self._any_of(after)) if edge.target == gone else edge
+                edge._replace(target=self._any_of(after)) if edge.target == gone else edge
                 for edge in self.states[k].transitions
             )
-            kept = tuple(replace(edge, target=rest.index(edge.target)) for edge in edges if edge.target != k)
-            self.states[k] = replace(self.states[k], transitions=kept)
+            kept = tuple(edge._replace(target=rest.index(edge.target)) for edge in edges if edge.target != k)
+            self.states[k] = self.states[k]._replace(transitions=kept)
         del self.states[gone]
         for k, state in enumerate(self.states):
             if not state.transitions and n > 2:
@@ -272,7 +272,7 @@ class _States:
     def _connect(self, i: int, target: int) -> None:
         module = self._any_of(self._conditions)
         edge = Transition(module.name, self._values(module), target)
-        self.states[i] = replace(self.states[i], transitions=(*self.states[i].transitions, edge))
+        self.states[i] = self.states[i]._replace(transitions=(*self.states[i].transitions, edge))
 
     def _free(self) -> list[int]:
         """States that may have one more transition."""
@@ -295,7 +295,7 @@ class _States:
             return
         edges = list(self.states[i].transitions)
         edges[j or 0] = one
-        self.states[i] = replace(self.states[i], transitions=tuple(edges))
+        self.states[i] = self.states[i]._replace(transitions=tuple(edges))
 
     def _values(self, module: Module) -> tuple[float, ...]:
         return drawn_values(module, self._draws)

@@ -55,7 +55,6 @@ class PreparedExperiment:
     seed: int
     instance: Instance
     program: Program
-    start: Scene  # with a floor that the loop does not change
     history: History
 
     def run(self, *, referee: bool = False) -> None:
@@ -71,12 +70,12 @@ class PreparedExperiment:
         if not np.isfinite(history.poses[-1]).all():
             raise SimulationError(f"{mission.name}: seed {self.seed}: the simulation lost track of a robot")
         recording = Recording(
-            instance.robot_model, self.start, history, instance.swarm.noise_keys, mission.control_period
+            instance.robot_model, instance.start, history, instance.swarm.noise_keys, mission.control_period
         )
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=self.start.floor,
+            floor=instance.start.floor.copy(),  # an objective of a plugin might change it
             zone_rows=instance.zone_rows,
             control_period=mission.control_period,
             measure=recording.measure,
@@ -144,10 +143,8 @@ class Simulator:
         return self._prepared(seed, program, self.mission.cycles, everything=record)
 
     def _prepared(self, seed: int, program: Program, cycles: int, *, everything: bool) -> PreparedExperiment:
-        instance = self.instance(seed)
-        start = instance.scene._replace(floor=instance.scene.floor.copy())
         history = new_history(cycles, self.mission.robots, everything=everything)
-        return PreparedExperiment(self.mission, seed, instance, program, start, history)
+        return PreparedExperiment(self.mission, seed, self.instance(seed), program, history)
 
     def rehearse(self, announce: Callable[[str], None]) -> Recording:
         """Run one cycle of one experiment: check that the robots fit, and compile what is not compiled yet.

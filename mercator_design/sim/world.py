@@ -13,7 +13,6 @@ from mercator_design.arrays import Floats, Keys
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
-from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, candidates
 from mercator_design.seeds import generator, stream_keys
@@ -36,7 +35,7 @@ _STARTS = 256
 class Start:
     """What is drawn for an instance; nothing changes it."""
 
-    floor: FloorTable
+    scene: Scene
     poses: Floats  # (robots, 3)
     control_keys: Keys  # (robots,)
     noise_keys: Keys
@@ -47,6 +46,7 @@ class Instance:
     """An instance for one run. The run changes it: robots move, and the floor may change."""
 
     robot_model: RobotModel
+    start: Scene  # with a floor that the run does not change
     scene: Scene
     swarm: Swarm
     zone_rows: dict[str, tuple[int, ...]]
@@ -104,7 +104,8 @@ class World:
 
     def instance(self, seed: int) -> Instance:
         start = self._start(seed)
-        scene = self._scene._replace(floor=start.floor.copy())  # which may change
+        floor = start.scene.floor.copy()
+        scene = start.scene if floor is start.scene.floor else start.scene._replace(floor=floor)
         swarm = new_swarm(
             scene,
             self.robot_model.reference_model,
@@ -112,12 +113,12 @@ class World:
             control_keys=start.control_keys,
             noise_keys=start.noise_keys,
         )
-        return Instance(self.robot_model, scene, swarm, self._zone_rows)
+        return Instance(self.robot_model, start.scene, scene, swarm, self._zone_rows)
 
     def _draw_start(self, seed: int) -> Start:
         n = self.mission.robots
         return Start(
-            floor=self.mission.realise_floor(generator(seed, "floor")),
+            scene=self._scene._replace(floor=self.mission.realise_floor(generator(seed, "floor"))),
             poses=self._places(generator(seed, "placement"), seed),
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),

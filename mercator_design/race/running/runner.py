@@ -273,10 +273,10 @@ class RaceRun(Generic[T]):
     def _receive(self) -> None:
         """Record the results that are held."""
         for experiment, result in self._held.items():
-            failed = bool(read_result(result)[2])
-            if experiment in self._missing and (failed or self.problem.evaluate is None):
+            is_asked_for = experiment in self._missing
+            if is_asked_for and (self.problem.evaluate is None or read_result(result)[2]):
                 self._finish(experiment, result)
-            elif isinstance(result, Measurement) and not failed:  # a failure runs again if the race asks for it
+            elif isinstance(result, Measurement) and not read_result(result)[2]:  # a failure runs again if asked for
                 self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
         self._held.clear()
 

@@ -72,26 +72,13 @@ def reader(kind: Kind) -> Callable[[Any], Any]:
     """A function from JSON data to a value of a kind, or `WRONG`; for the kinds of building.py, and `object`."""
     base, rules = schema.unwrapped(kind)
     read = _reader(base)
-    if not rules:
-        return read
-    allows = [rule.allows for rule in rules]
-    if len(allows) == 1:  # as most: a loop would take longer
-        return _checked_by_one(read, *allows)
+    for rule in rules:
+        read = _checked(read, rule.allows)
+    return read
 
+
+def _checked(read: Callable[[Any], Any], allows: Callable[[Any], bool]) -> Callable[[Any], Any]:
     def checked(data: Any) -> Any:  # noqa: ANN401 - as all readers here
-        value = read(data)
-        if value is WRONG or value is None:
-            return value
-        for allowed in allows:
-            if not allowed(value):
-                return WRONG
-        return value
-
-    return checked
-
-
-def _checked_by_one(read: Callable[[Any], Any], allows: Callable[[Any], bool]) -> Callable[[Any], Any]:
-    def checked(data: Any) -> Any:  # noqa: ANN401
         value = read(data)
         return value if value is WRONG or value is None or allows(value) else WRONG
 

@@ -4,6 +4,7 @@ import io
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -84,10 +85,7 @@ def csv(logs: tuple[Path, ...], output: Path) -> None:
     docs/reference/robot-logs.md describes the columns. Rows of several robots are in the order of a common clock if
     `mdesign deploy --start` started them. A log may still be growing: it is exported up to its last line.
     """
-
-    def write(file: BinaryIO) -> list[str]:
-        return write_csv(logs, file, warn)
-
+    write = partial(write_csv, logs, warn=warn)
     if output != Path("-"):
         _write(logs, output, write)
     elif sys.stdout.isatty():

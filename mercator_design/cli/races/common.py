@@ -5,7 +5,7 @@ import json
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -130,9 +130,7 @@ def new_folder(output: Path | None, task: Task[Any], *, request: Request, testin
     """Create the folder of a new race: as `output` says, or the first of runs/NAME-1, -2, ... that does not exist."""
     if output is not None:
         return RunFolder.create(output, task, request=request, testing=testing)
-    number = 0
-    while True:
-        number += 1
+    for number in count(1):
         folder = Path("runs") / f"{task.name}-{number}"
         with suppress(FileExistsError):
             folder.mkdir(parents=True)

@@ -10,7 +10,7 @@ import pickle
 import shlex
 import socket
 from collections.abc import Callable, Generator, Mapping, Sequence
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -135,7 +135,6 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.function = Experimenter(simulator)
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
         self._pfsms: dict[int, tuple[Configuration, Pfsm]] = {}  # by number, which may have been a wrong prediction
-        self._files: dict[str, bytes] = {}
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
@@ -165,10 +164,10 @@ class Designer(Task[tuple[Pfsm, int]]):
         }
 
     def files(self) -> dict[str, bytes]:
-        self._files = self._files or self._written()
         return self._files
 
-    def _written(self) -> dict[str, bytes]:
+    @cached_property
+    def _files(self) -> dict[str, bytes]:
         mission = self.simulator.mission
         image = mission.floor.image
         return {

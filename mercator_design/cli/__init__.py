@@ -1,9 +1,4 @@
-"""The command `mdesign`; each verb has its file.
-
-Results go to stdout or named files; progress and messages go to stderr. Exit codes:
-0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM, 75 terminated (a race can be resumed), 130 interrupted, 141
-the output was not read to its end. A verb is loaded when it is used, so `--help` is quick.
-"""
+"""The command `mdesign`; each verb has its file, which is loaded when it is used, so `--help` is quick."""
 
 from collections.abc import Mapping
 from typing import Final

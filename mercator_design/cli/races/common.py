@@ -94,15 +94,9 @@ def method_option(default: str) -> Callable[[Callable[..., None]], Callable[...,
     )
 
 
-def check_usage(context: click.Context, *, resumed: bool, fixed: Sequence[str], needed: Sequence[str]) -> None:
-    """Refuse parameters that exclude each other.
-
-    Args:
-        context: The context of the verb.
-        resumed: Whether a race is resumed.
-        fixed: Parameters that only a new race can have.
-        needed: Parameters that a new race must have.
-    """
+def check_usage(*, resumed: bool, fixed: Sequence[str], needed: Sequence[str]) -> None:
+    """Refuse parameters that are `fixed` when a race is resumed, and a new race without those that are `needed`."""
+    context = click.get_current_context()
     parameters = {one.name: one for one in context.command.params if one.name}
     for name in fixed if resumed else ():
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:

@@ -88,9 +88,7 @@ _JOBS = jobs_of("the cores of this machine; with Dask, twice the workers' thread
 @JSON_LINES
 @SET
 @PLUGIN
-@click.pass_context
 def race(
-    context: click.Context,
     mission: str | None,
     budget: int | None,
     seed: int,
@@ -117,7 +115,7 @@ def race(
     An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
     larger --budget.
     """
-    check_usage(context, resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
+    check_usage(resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
     executor = _executor(executor_name, jobs, scheduler, timeout)
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:

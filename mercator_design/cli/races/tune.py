@@ -91,9 +91,7 @@ _FIXED = (
 @OPTUNA
 @PROGRESS
 @JSON_LINES
-@click.pass_context
 def tune(
-    context: click.Context,
     scenario: Path | None,
     scenario_option: Path | None,
     max_experiments: int | None,
@@ -120,7 +118,7 @@ def tune(
     if scenario is not None and scenario_option is not None:
         raise click.UsageError("SCENARIO and --scenario exclude each other")
     needed = () if scenario_option is not None else ("scenario",)
-    check_usage(context, resumed=resume is not None, fixed=_FIXED, needed=needed)
+    check_usage(resumed=resume is not None, fixed=_FIXED, needed=needed)
     scenario = scenario or scenario_option
     if (check or only_test is not None) and (given["optuna"] is not None or speculate):
         raise click.UsageError("--optuna and --speculate need a race: --check and --only-test run none")

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import click
 
 from mercator_design.cli.inputs import warn_of_mission
-from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET
+from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
 from mercator_design.exports.irace_log import write_irace_log
@@ -34,13 +34,7 @@ def export() -> None:
 @click.argument("mission")
 @click.option("-o", "--output", type=FOLDER, required=True, help="Folder to write to, new or empty.")
 @click.option("--budget", type=click.IntRange(1, 10**9), default=5000, show_default=True, help="Experiments to run.")
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**31 - 1),
-    default=1,
-    show_default=True,
-    help="Master seed of all randomness, at most R's largest integer.",
-)
+@seed_of("Master seed of all randomness, at most R's largest integer.", 2**31 - 1)
 @JOBS
 @DESIGN_FLAVOUR
 @SET

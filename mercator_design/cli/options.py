@@ -47,9 +47,9 @@ ROBOT_MODEL = click.option(
 )
 
 
-def seed_of(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """The option --seed, with a help text."""
-    return click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help=text)
+def seed_of(text: str, largest: int = 2**63 - 1) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option --seed, with a help text and the largest seed."""
+    return click.option("--seed", type=click.IntRange(0, largest), default=1, show_default=True, help=text)
 
 
 SEED = seed_of("Master seed of all randomness.")

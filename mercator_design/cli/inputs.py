@@ -129,11 +129,10 @@ def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -
     named, digest = header.get("mission"), header.get("mission digest")
     if named is None:
         raise click.UsageError(f"{fsm}: names no mission; give --mission")
-    beside = fsm.parent / "mission.yaml"
-    if digest and beside.exists() and load_mission(beside).digest == digest:
-        return load_mission(beside, overrides)
-    changed = ""
+    beside, changed = fsm.parent / "mission.yaml", ""
     if digest and beside.exists():
+        if load_mission(beside).digest == digest:
+            return load_mission(beside, overrides)
         changed = f"{beside} has changed since this was designed; to use it, give --mission {beside}"
     raced_with = _overrides_of(fsm, header)
     try:

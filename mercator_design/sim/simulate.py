@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.missions.trace import Trace
 from mercator_design.seeds import generator
+from mercator_design.sim.checks.impossible import MissionWarning, mission_warnings
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import SPACE, new_bridge, take_down
@@ -24,10 +24,6 @@ from mercator_design.sim.kernels.swarm import History, Swarm, new_history
 from mercator_design.sim.referee import referee_experiment
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.world import Instance, World
-
-if TYPE_CHECKING:
-    from mercator_design.sim.checks.impossible import MissionWarning
-
 
 _DRAWN_WORLDS = 64
 _PROGRAMS = 1024
@@ -94,10 +90,8 @@ class Simulator:
         self._drawn_world = lru_cache(_DRAWN_WORLDS)(self._draw_world)
 
     @cached_property
-    def warnings(self) -> "tuple[MissionWarning, ...]":
+    def warnings(self) -> tuple[MissionWarning, ...]:
         """Warnings of impossible parts and probable mistakes in the mission, for these robots."""
-        from mercator_design.sim.checks.impossible import mission_warnings  # slow: scipy.ndimage
-
         return tuple(mission_warnings(self.mission, self.robot_model))
 
     def refuse_impossible(self) -> None:

@@ -8,36 +8,29 @@ from mercator_design.config import spelling
 from mercator_design.config.schema import Kind, fields_of, is_record
 
 
-def as_spelt(record: object, way: str) -> str:
-    """A path in the spelling of the fields."""
+def found_at(record: object, way: str) -> tuple[str, object]:
+    """A path in the spelling of the fields, and the value there; None if there is none."""
     names: list[str] = []
     for word in way.split("."):
         kind: Kind = type(record)
         known = fields_of(kind) if is_record(record) else ()
         names.append(spelling.find(word, known) or word)
         record = getattr(record, names[-1], None)
-    return ".".join(names)
+    return ".".join(names), record
 
 
 def mistakes_in(bounds: Mapping[str, tuple[float, float]], record: object) -> Iterator[str]:
     """The mistakes in bounds of values; keys are paths."""
     ways: set[str] = set()
     for key, (low, high) in bounds.items():
-        way = as_spelt(record, key)
+        way, value = found_at(record, key)
         if low > high:
             yield f"{key}: expected the lower bound first, found [{low:g}, {high:g}]"
-        if not isinstance(_value_at(record, way), float):
+        if not isinstance(value, float):
             yield f"{key}: the robot model has no real number there that could vary"
         if way in ways:
             yield f"{key}: is there in another spelling; give one of the two"
         ways.add(way)
-
-
-def _value_at(record: object, way: str) -> object:
-    """The value at a path in a record, or None."""
-    for name in way.split("."):
-        record = getattr(record, name, None)
-    return record
 
 
 def replaced(record: Any, way: Sequence[str], value: float) -> Any:  # noqa: ANN401 - any record

@@ -19,7 +19,7 @@ from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.modules import SENSES
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.sim.fields import as_spelt, mistakes_in, replaced
+from mercator_design.sim.fields import found_at, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,
     BoxBody,
@@ -72,7 +72,7 @@ class RobotModel(FromFile):
     def __post_init__(self) -> None:
         checked(self._mistakes())
         if self.vary:
-            object.__setattr__(self, "vary", {as_spelt(self, way): bounds for way, bounds in self.vary.items()})
+            object.__setattr__(self, "vary", {found_at(self, way)[0]: bounds for way, bounds in self.vary.items()})
 
     def _mistakes(self) -> Iterator[FieldError]:
         yield from (FieldError("vary", what) for what in mistakes_in(self.vary or {}, self))

@@ -323,15 +323,15 @@ class Floor:
             written += [value for kind, value, _ in dynamics.values() if kind in _COLOURS]
         return {rgb(colour): colour for colour in written}
 
+    def with_rows(self) -> Iterator[tuple[Zone, range]]:
+        """Each zone, and its rows in every table of this floor."""
+        first = 0
+        for zone in self.zones:
+            yield zone, range(first, first := first + len(zone.rows(np.random.default_rng(0), [])))  # whatever is drawn
+
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of each named zone in every table of this floor."""
-        rows, first = {}, 0
-        for zone in self.zones:
-            count = len(zone.rows(np.random.default_rng(0), []))  # the draws do not matter
-            if zone.name is not None:
-                rows[zone.name] = tuple(range(first, first + count))
-            first += count
-        return rows
+        return {zone.name: tuple(rows) for zone, rows in self.with_rows() if zone.name is not None}
 
 
 def _pixels(path: str) -> NDArray[np.uint8]:

@@ -75,9 +75,7 @@ def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach)
     """Warn of zones that are outside the walls, partly or completely, or out of reach."""
     counted = {name for _, name in mission.objective.zones()}
     size = 2.0 * min(model.body.half_size)
-    first = 0
-    for index, zone in enumerate(mission.floor.zones):
-        rows = range(first, first := first + len(zone.rows(np.random.default_rng(0), [])))
+    for index, (zone, rows) in enumerate(mission.floor.with_rows()):
         called = f"zone '{zone.name}'" if zone.name else "this zone"
         place = mission.where(f"floor.zones[{index}]")
         is_counted = zone.name in counted

@@ -122,17 +122,16 @@ def chain_of(functions: tuple[Callable[..., Any], ...]) -> Callable[..., Any]:
     head = functions[0]
     if len(functions) == 1:
 
-        def last(which: int, *arguments: Any) -> Any:
+        def link(which: int, *arguments: Any) -> Any:
             return head(*arguments)
 
-        _name(last, "chain", functions)
-        return cast("Callable[..., Any]", numba.njit(**options())(last))
-    tail = chain_of(functions[1:])
+    else:
+        tail = chain_of(functions[1:])
 
-    def link(which: int, *arguments: Any) -> Any:
-        if which == 0:
-            return head(*arguments)
-        return tail(which - 1, *arguments)
+        def link(which: int, *arguments: Any) -> Any:
+            if which == 0:
+                return head(*arguments)
+            return tail(which - 1, *arguments)
 
     _name(link, "chain", functions)
     return cast("Callable[..., Any]", numba.njit(**options())(link))

@@ -7,6 +7,7 @@ to which they are sent. So a file that was edited in the meantime is never run.
 import ast
 import hashlib
 import importlib.util
+import itertools
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -109,15 +110,12 @@ def _found(folder: Path, name: str) -> Iterator[str]:
     parts = [part for part in name.split(".") if part]
     if not parts or _is_elsewhere(parts[0]):
         return
-    for depth in range(1, len(parts) + 1):
-        path = "/".join(parts[:depth])
-        if (folder / path).is_dir():
-            yield f"{path}/__init__.py"
-        elif (folder / f"{path}.py").is_file():
-            yield f"{path}.py"
+    for path in itertools.accumulate(parts, "{}/{}".format):
+        if not (folder / path).is_dir():
+            if (folder / f"{path}.py").is_file():
+                yield f"{path}.py"
             return
-        else:
-            return
+        yield f"{path}/__init__.py"
 
 
 def _is_elsewhere(root: str) -> bool:

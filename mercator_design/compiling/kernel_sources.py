@@ -56,9 +56,7 @@ def digest(files: Iterable[Path], foreign: Collection[Kernel]) -> str:
 def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
     """A digest of the foreign kernels in the compiled form of an entry function; empty if there are none.
 
-    Args:
-        entry: The entry function.
-        marked: All functions that compiled code may call.
+    `marked` are all functions that compiled code may call.
     """
     if not (is_foreign(entry) or any(map(is_foreign, marked))):
         return ""

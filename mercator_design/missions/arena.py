@@ -124,11 +124,7 @@ class Arena:
 
 
 def check_polygon(vertices: Sequence[Point], *, side: str) -> None:
-    """Check that corners are those of a simple polygon.
-
-    Args:
-        vertices: The corners, in either sense.
-        side: The name of a side in messages.
+    """Check that corners, in either sense, are those of a simple polygon; messages call its sides `side`.
 
     Raises:
         FieldError: naming the corner.

@@ -268,12 +268,7 @@ def load_plugin(path: str | Path, digest: str | None = None) -> None:
 
 
 def run_plugin(plugin: Plugin, label: str = "") -> None:
-    """As `load_plugin`, from sources that were read, here or in another process.
-
-    Args:
-        plugin: The sources.
-        label: The name of the plugin in errors; by default its file.
-    """
+    """As `load_plugin`, from sources that were read, here or in another process; errors name `label`, or its file."""
     label = label or str(plugin.file)
     with _loading:
         _load_shipped()

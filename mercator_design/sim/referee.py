@@ -45,12 +45,7 @@ class RefereeRobot:
 
 
 class Referee:
-    """The arena in Chipmunk, with robots that enter it when they come close to something.
-
-    Args:
-        scene: The scene of an instance.
-        swarm: Its robots.
-    """
+    """The arena of an instance in Chipmunk, with robots that enter it when they come close to something."""
 
     def __init__(self, scene: Scene, swarm: Swarm) -> None:
         self.scene, self.swarm = scene, swarm

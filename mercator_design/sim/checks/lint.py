@@ -77,14 +77,7 @@ class Finding:
 def lint(
     pfsm: Pfsm, names: Sequence[str], mission: Mission | None = None, model: RobotModel | None = None
 ) -> list[Finding]:
-    """All findings on a PFSM, in the order of its states.
-
-    Args:
-        pfsm: The PFSM.
-        names: The names of its states.
-        mission: The mission that it is for, if that is known.
-        model: The robots of the mission, or any; None: not known.
-    """
+    """All findings on a PFSM whose states have these names, in their order; None: mission or robots are not known."""
     return [*_Linter(pfsm, names, mission, model).findings()]
 
 
@@ -185,7 +178,7 @@ class _Linter:
             return f"{message}: one transition with beta {beta:.4g} does the same"
         return f"{message}: together they fire with beta {beta:.4g}, and are tested more often before others"
 
-    def _alike(self, i: int, choices: "Sequence[_Choice]", kept: Sequence[int]) -> bool:
+    def _alike(self, i: int, choices: Sequence[_Choice], kept: Sequence[int]) -> bool:
         """Whether a state with these transitions changes as with those that are kept, in every situation."""
         edges = self.pfsm.states[i].transitions
         before = [_Choice(self.chances[i, j], edges[j].target) for j in kept]

@@ -25,14 +25,7 @@ _PIXELS = 2_000
 
 
 def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
-    """A sentence for each part of a mission, robot model or PFSM that has no effect.
-
-    Args:
-        mission: The mission.
-        model: The robot model.
-        flavour: The flavour of the conditions.
-        pfsm: The PFSM of the robots; None: any PFSM of the flavour.
-    """
+    """A sentence for each part of a mission, robot model or PFSM that has no effect; None: any PFSM of the flavour."""
     yield from model_warnings(model)
     places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
     for place, module in places:

@@ -13,6 +13,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Halving, Space, categorical, integer, ordered, real
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
+from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.journal import Journal
 from mercator_design.race.running.record import Record
@@ -192,7 +193,7 @@ class TestConformance:
 
     def test_forbidden_configurations_do_not_run(self, method):
         space = Space([real("x", 0, 1), integer("n", 1, 9)], forbidden=["n > 3 & x < 0.5"])
-        race = race_of(method, space, budget=200)
+        race = race_of(method, space, budget=300)
         run(race, cost=lambda c: -c["n"] + c["x"])
         assert not any(c["n"] > 3 and c["x"] < 0.5 for c in race.configurations)
         assert race.configurations[race.best.configuration]["n"] == 9
@@ -356,6 +357,19 @@ def test_optuna_learns(learnt):
     from scipy.stats import mannwhitneyu
 
     assert mannwhitneyu(costs[:30], costs[-30:], alternative="greater").pvalue < 1e-7
+
+
+def test_the_estimator_learns_where_nothing_is_allowed():
+    """Though costs fall towards there. Of 100 draws it else wastes 98 or more; so about 40."""
+    space = Space([real("x", 0, 1), integer("n", 1, 9)], forbidden=["n > 3 & x < 0.5"])
+    sampler = OptunaSampler(space, seed=1, generation=10, name="tpe")
+    wasted = 0
+    for k in range(150):
+        proposal = sampler()
+        given, is_forbidden = proposal.configuration, space.is_forbidden(proposal.configuration)
+        proposal.finish(None if is_forbidden else given["x"] - given["n"])
+        wasted += is_forbidden and k >= 50
+    assert wasted < 70
 
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")

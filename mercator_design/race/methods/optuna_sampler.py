@@ -2,12 +2,14 @@
 
 A configuration is a trial of a study in memory; its mean cost completes the trial. Pruned configurations are completed
 with their mean, too, as Optuna's documentation of its WilcoxonPruner recommends. A configuration that is forbidden or
-rejected is a failed trial.
+rejected is a failed trial, which samplers ignore. But once there are costs, the estimator takes it as the worst of all:
+else it would propose such configurations again and again.
 
 In Optuna a parameter has one distribution. So a parameter with bounds that depend on others, or with rounded values, is
 suggested as a place in [0, 1]; an integer or ordered one as an integer.
 """
 
+import math
 import warnings
 from functools import partial
 from typing import TYPE_CHECKING, Literal
@@ -23,6 +25,9 @@ from mercator_design.seeds import generator
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
     from optuna.trial import Trial
+
+_MAX_WORST = 500
+"""Configurations that are not allowed from which the estimator learns: each makes the next proposals slower."""
 
 
 class OptunaSampler:
@@ -62,6 +67,8 @@ class OptunaSampler:
                     warn_independent_sampling=False,
                 )
         self._study = optuna.create_study(sampler=sampler)
+        self._has_costs = False
+        self._n_worst = _MAX_WORST if name == "tpe" else 0
         self._threads = ThreadpoolController()
 
     def __call__(self, given: Configuration | None = None) -> Proposal:
@@ -86,6 +93,11 @@ class OptunaSampler:
     def _finish(self, trial: "Trial", cost: float | None) -> None:
         from optuna.trial import TrialState
 
+        if cost is not None:
+            self._has_costs = True
+        elif self._has_costs and self._n_worst > 0:
+            self._n_worst -= 1
+            cost = math.inf
         self._study.tell(trial, cost, state=TrialState.FAIL if cost is None else TrialState.COMPLETE)
 
 

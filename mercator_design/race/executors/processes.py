@@ -76,10 +76,10 @@ class ProcessExecutor:
         running: dict[Future[R | Failed], tuple[int, _Job[T]]] = {}
         while True:
             while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
-                place = idle.pop()
+                place, begin = idle.pop(), self._clock()
                 future = self._submit(place, packed, job.item)
                 if self._timeout is not None:
-                    job.deadline = self._clock() + self._timeout + START * (place in self._new)
+                    job.deadline = begin + self._timeout + START * (place in self._new)
                 running[future] = place, job
             if not running:
                 return

@@ -182,7 +182,9 @@ def _finite(text: str) -> float:
 
 
 def save_ablation(path: Path, ablation: Ablation, *, caption: str) -> None:
-    """Draw a path of changes: mean scores with their confidence intervals; the suffix .png or .svg is the format.
+    """Draw a path of changes: mean scores with their confidence intervals, with a caption below.
+
+    The suffix of the path, .png or .svg, is the format.
 
     Raises:
         OSError: The picture cannot be written.

@@ -68,7 +68,9 @@ def model_text(calibration: Calibration, base: str, name: str | None) -> str:
 
 
 def save_noise(path: Path, calibration: Calibration, *, caption: str) -> None:
-    """Draw a histogram of the noise of each sensor, and the fitted distribution; the suffix .png or .svg is the format.
+    """Draw a histogram of the noise of each sensor, and the fitted distribution, with a caption below.
+
+    The suffix of the path, .png or .svg, is the format.
 
     Raises:
         OSError: The picture cannot be written.

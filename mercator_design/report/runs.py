@@ -148,7 +148,7 @@ def _scores(where: str, scores: Sequence[float]) -> dict[str, object]:
 def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     """Draw the best of each iteration over the experiments so far, a line with its confidence band for each race.
 
-    The suffix .png or .svg is the format; the command that draws the picture is in its caption.
+    The suffix of the path, .png or .svg, is the format; the command that draws the picture is in its caption.
 
     Raises:
         OSError: The picture cannot be written.

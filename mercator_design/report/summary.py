@@ -112,7 +112,7 @@ def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
 
 
 def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:
-    """The results of tests below how they were made: of the winner, the other elites, elites of earlier iterations."""
+    """How tests were made, then a line for each configuration: the winner, other elites, those of iterations before."""
     if not tests:
         return []
     roles = _roles(record)
@@ -147,7 +147,7 @@ def _scores_text(scores: Scores) -> str:
 
 
 def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
-    """A PFSM in words, a line for each state and transition; the dead ones, by state and number, never fire."""
+    """A PFSM in words, a line for each state and transition; dead transitions, by state and number, never fire."""
     lines = []
     for i, state in enumerate(pfsm.states):
         lines.append(f"state {i}: {with_parameters(state.behaviour, state.parameters)}")

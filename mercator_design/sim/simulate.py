@@ -71,7 +71,7 @@ class PreparedExperiment:
         trace = Trace(
             poses=history.poses,
             states=history.states,
-            floor=instance.start.floor.copy(),  # an objective of a plugin might change it
+            floor=instance.start.floor.copy(),  # an objective of a plugin might run the dynamics on it
             zone_rows=instance.zone_rows,
             control_period=mission.control_period,
             measure=recording.measure,

@@ -15,7 +15,7 @@ _MAX_COLUMNS = 120
 
 
 def choice(facts: Facts, proof: Proof | None, without: str) -> Html:
-    """The section of the proof; `without` says why there is none."""
+    """The section of the proof, the winner on fresh instances; `without` says why there is none."""
     fresh = _fresh(facts, proof) if proof is not None else note(without) if without else Html()
     return section("choice", "Why this one", fresh, _matrix(facts), _tests(facts))
 

@@ -34,7 +34,10 @@ _LINKS = {
 
 
 def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> str:
-    """The page of a race, at whatever stage it is; `without` says why there is no proof."""
+    """The page of a race, at whatever stage it is.
+
+    The proof is the winner on fresh instances; `without` says why there is none.
+    """
     runs = chosen_runs(facts, proof) if facts.record.is_complete else []
     again, problem = run_again(facts, runs)
     first = [

@@ -54,6 +54,7 @@ def session_of(scope: Scope) -> str | None:
 
 
 def address_of(scope: Scope) -> str:
+    """The address of the client, or "unknown"."""
     client = scope.get("client")
     return str(client[0]) if client else "unknown"
 

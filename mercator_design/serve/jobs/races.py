@@ -116,7 +116,7 @@ def lines_from(journal: Path, place: int) -> bytes:
 def events_in(lines: bytes, place: int) -> Iterator[JournalEvent]:
     """The events in whole lines of a journal that begin at a place.
 
-    Raises:
+    Iterating raises:
         ValueError: The journal is damaged.
     """
     for line in lines.splitlines(keepends=True):

@@ -77,7 +77,10 @@ class Finding:
 def lint(
     pfsm: Pfsm, names: Sequence[str], mission: Mission | None = None, model: RobotModel | None = None
 ) -> list[Finding]:
-    """All findings on a PFSM whose states have these names, in their order; None: mission or robots are not known."""
+    """All findings on a PFSM, in the order of its states, which have these names.
+
+    Without a mission or a robot model, only those that do not need to know it.
+    """
     return [*_Linter(pfsm, names, mission, model).findings()]
 
 

@@ -25,7 +25,10 @@ _PIXELS = 2_000
 
 
 def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
-    """A sentence for each part of a mission, robot model or PFSM that has no effect; None: any PFSM of the flavour."""
+    """A sentence for each part of a mission, a robot model or a PFSM that has no effect.
+
+    Without a PFSM, any one of the flavour is meant.
+    """
     yield from model_warnings(model)
     places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
     for place, module in places:

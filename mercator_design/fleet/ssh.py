@@ -124,7 +124,7 @@ def conversing(
 
 
 def hear(conversations: Mapping[str, Conversation], seconds: float) -> Iterator[tuple[str, list[bytes] | None]]:
-    """The lines of conversations that have not ended, by name; None if one ends now. Waits for some seconds at most."""
+    """The lines of conversations that have not ended, by name; None if one ends now. Wait at most `seconds`."""
     with selectors.DefaultSelector() as selector:
         for name, each in conversations.items():
             if not each.has_ended:

@@ -9,7 +9,7 @@ from mercator_design.report.columns import aligned, difference
 
 
 def simplification_page(found: Simplification, score: Callable[[float], float]) -> str:
-    """The steps with their tests, and what is left; `score` makes a score of a cost."""
+    """The steps with their tests, and what is left; `score` converts a cost to a score."""
     before = [score(cost) for cost in found.costs]
     rows: list[tuple[object, ...]] = [("step", "change", "mean", "against FSM", "p", "")]
     whole = "FSM without what never fires or cannot be reached" if found.certain else "FSM"

@@ -139,7 +139,7 @@ def without_provenance(path: Path) -> str:
 
 
 def read_journal(path: Path, before: Reading | None = None) -> Reading:
-    """Read the journal of a run folder, which another process may be writing, or read on from a reading before.
+    """Read the journal of a run folder, which another process may be writing; continue an earlier reading, if given.
 
     Raises:
         OtherVersion: see there.

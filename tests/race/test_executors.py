@@ -12,7 +12,7 @@ import pytest
 from mercator_design.race.executors.executor import Failed, Items, in_order
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
-from tests.processes import LIMIT, started
+from tests.processes import LIMIT, started, wait_until
 from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
 from tests.race.test_target import gone
@@ -141,12 +141,19 @@ class TestWorkers:
         assert second == third != worker
 
     def test_what_takes_too_long(self, tmp_path):
-        """Once, which may be an accident; and again. No time passes but when something hangs."""
+        """Once, which may be an accident; and again. No time passes but when it hangs, during the hand-out."""
 
         def clock():
             return 1000.0 * sum(len(file.read_text().splitlines()) for file in tmp_path.iterdir())
 
-        with ProcessExecutor(1, timeout=500.0, clock=clock) as executor:
+        class Slow(ProcessExecutor):
+            def _submit(self, *arguments):
+                begin = clock()
+                future = super()._submit(*arguments)
+                wait_until(lambda: future.done() or clock() > begin)
+                return future
+
+        with Slow(1, timeout=500.0, clock=clock) as executor:
             results = dict(executor.run(Hangs(tmp_path, always=(4,)), range(6)))
         assert {k for k, result in results.items() if isinstance(result, Failed)} == {4}
         assert {results[k] for k in range(6) if k != 4} == {0, 1, 2, 3, 5}

@@ -360,7 +360,7 @@ def test_optuna_learns(learnt):
 
 
 def test_the_estimator_learns_where_nothing_is_allowed():
-    """Though costs fall towards there. Of 100 draws it else wastes 98 or more; so about 40."""
+    """Though costs fall towards there: about 40 of 100 draws are wasted, 98 or more if it ignored them."""
     space = Space([real("x", 0, 1), integer("n", 1, 9)], forbidden=["n > 3 & x < 0.5"])
     sampler = OptunaSampler(space, seed=1, generation=10, name="tpe")
     wasted = 0
@@ -370,6 +370,15 @@ def test_the_estimator_learns_where_nothing_is_allowed():
         proposal.finish(None if is_forbidden else given["x"] - given["n"])
         wasted += is_forbidden and k >= 50
     assert wasted < 70
+
+
+def test_the_estimator_learns_what_is_not_allowed_after_a_first_cost_and_not_without_end():
+    """Without a cost it would search around the first forbidden ones; with thousands of them it would be slow."""
+    sampler = OptunaSampler(Space([real("x", 0, 1)]), seed=1, generation=10, name="tpe")
+    for cost in [*[None] * 20, 1.0, *[None] * 520]:
+        sampler().finish(cost)
+    worst = [trial.number for trial in sampler._study.trials if trial.value == math.inf]
+    assert worst == list(range(21, 521))
 
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")

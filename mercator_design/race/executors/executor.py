@@ -57,7 +57,7 @@ class Executor(Protocol):
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None: ...
 
     def stop(self) -> None:
-        """Be told that `items` is about to end: `run` waits for running items, but not for workers to come.
+        """Prepare for the end of `items`: `run` then waits for running items, but not for new workers.
 
         A signal handler may call it.
         """

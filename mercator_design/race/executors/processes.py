@@ -76,7 +76,7 @@ class ProcessExecutor:
         running: dict[Future[R | Failed], tuple[int, _Job[T]]] = {}
         while True:
             while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
-                place, begin = idle.pop(), self._clock()
+                place, begin = idle.pop(), self._clock()  # before the hand-out: the worker may begin during it
                 future = self._submit(place, packed, job.item)
                 if self._timeout is not None:
                     job.deadline = begin + self._timeout + START * (place in self._new)

@@ -2,8 +2,8 @@
 
 A configuration is a trial of a study in memory; its mean cost completes the trial. Pruned configurations are completed
 with their mean, too, as Optuna's documentation of its WilcoxonPruner recommends. A configuration that is forbidden or
-rejected is a failed trial, which samplers ignore. But once there are costs, the estimator takes it as the worst of all:
-else it would propose such configurations again and again.
+rejected is a failed trial, which samplers ignore. So the estimator would propose such configurations again and again:
+once it has a cost, it gets up to _MAX_WORST of them as the worst of all.
 
 In Optuna a parameter has one distribution. So a parameter with bounds that depend on others, or with rounded values, is
 suggested as a place in [0, 1]; an integer or ordered one as an integer.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from optuna.trial import Trial
 
 _MAX_WORST = 500
-"""Configurations that are not allowed from which the estimator learns: each makes the next proposals slower."""
+"""Maximum number of forbidden and rejected configurations to learn from: each makes later proposals slower."""
 
 
 class OptunaSampler:

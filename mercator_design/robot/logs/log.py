@@ -174,7 +174,7 @@ def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def read(path: Path, kind: LogKind | None = "run") -> Generator[LogEvent, None, None]:
-    """The events of a log of a kind; None: of any kind. An incomplete last line is ignored.
+    """The events of a log, which has this kind, or any if it is None. An incomplete last line is ignored.
 
     Who stops before the last event closes the generator.
 

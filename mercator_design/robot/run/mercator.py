@@ -97,7 +97,7 @@ class Mercator:
     def attend(self, until: float, taken: list[Heard] | None = None) -> list[Heard]:
         """Read the devices until a time [s, of time.monotonic()], once at least; return their events.
 
-        They are added to the list `taken`, which has those before an error too; None: to a new one.
+        They are appended to `taken`, if it is given: so it also has the events before an error.
 
         Raises:
             RobotStopped: if a device reports that the robot must not drive, or a port is lost.

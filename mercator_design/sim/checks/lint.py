@@ -77,9 +77,9 @@ class Finding:
 def lint(
     pfsm: Pfsm, names: Sequence[str], mission: Mission | None = None, model: RobotModel | None = None
 ) -> list[Finding]:
-    """All findings on a PFSM, in the order of its states, which have these names.
+    """All findings on a PFSM, in the order of its states; `names` are the names of the states.
 
-    Without a mission or a robot model, only those that do not need to know it.
+    Without a mission or a robot model, only findings that do not depend on it.
     """
     return [*_Linter(pfsm, names, mission, model).findings()]
 

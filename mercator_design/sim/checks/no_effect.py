@@ -27,7 +27,7 @@ _PIXELS = 2_000
 def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
     """A sentence for each part of a mission, a robot model or a PFSM that has no effect.
 
-    Without a PFSM, any one of the flavour is meant.
+    Without a PFSM, all conditions of the flavour are checked.
     """
     yield from model_warnings(model)
     places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules

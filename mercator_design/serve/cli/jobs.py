@@ -93,19 +93,28 @@ def _told(job: dict[str, Any]) -> None:
     print_message(f"{job['id']}: {job['state']}" + f", {job['message']}" * bool(job["message"]))
 
 
-def _add_verb(name: str, short_help: str, text: str) -> None:
-    """A command that is a request without a body."""
-
-    @jobs.command(name, short_help=short_help, help=text)
-    @JOB
-    @_SERVICE
-    def verb(job: str, server: str) -> None:
-        _told(_send(server, "POST", job, f"/{name}"))
+@jobs.command(short_help="Stop a job until it is resumed.")
+@JOB
+@_SERVICE
+def pause(job: str, server: str) -> None:
+    """Stop JOB until it is resumed; its running experiments finish."""
+    _told(_send(server, "POST", job, "/pause"))
 
 
-_add_verb("pause", "Stop a job until it is resumed.", "Stop JOB until it is resumed; its running experiments finish.")
-_add_verb("resume", "Let a job go on.", "Let JOB go on that was paused or has failed.")
-_add_verb("cancel", "Stop a job for good.", "Stop JOB for good; its results so far stay.")
+@jobs.command(short_help="Let a job go on.")
+@JOB
+@_SERVICE
+def resume(job: str, server: str) -> None:
+    """Let JOB go on that was paused or has failed."""
+    _told(_send(server, "POST", job, "/resume"))
+
+
+@jobs.command(short_help="Stop a job for good.")
+@JOB
+@_SERVICE
+def cancel(job: str, server: str) -> None:
+    """Stop JOB for good; its results so far stay."""
+    _told(_send(server, "POST", job, "/cancel"))
 
 
 @jobs.command(short_help="Change budget, priority or sharing of a job.")

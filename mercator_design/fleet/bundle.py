@@ -3,9 +3,11 @@
 import ast
 import functools
 import io
+import marshal
 import zipfile
 from collections.abc import Iterator
 from importlib import metadata
+from importlib.util import MAGIC_NUMBER, source_hash
 from pathlib import Path
 
 from mercator_design.errors import RobotError
@@ -29,8 +31,9 @@ main()
 def bundle() -> bytes:
     """A zip application with the modules that the robot imports, the packages that they need, and licences.
 
-    The same sources give the same bytes on any machine: names are sorted, there are no dates, and nothing is
-    compressed, because versions of zlib differ.
+    Beside the sources there is byte code. With it, this version of Python starts in less than half of the time; others
+    ignore it. The same sources and version give the same bytes on any machine: names are sorted, there are no dates, and
+    nothing is compressed, because versions of zlib differ.
 
     Raises:
         RobotError: if the files of an installed package are unknown.
@@ -43,6 +46,7 @@ def bundle() -> bytes:
     files["licences/pyserial.txt"] = (_PACKAGE / "fleet/LICENSE-pyserial.txt").read_bytes()  # its wheel has none
     for name in _NEEDED:
         files |= _taken_from(name)
+    files |= {f"{place}c": _byte_code(place, data) for place, data in files.items() if place.endswith(".py")}
     archive = io.BytesIO()
     archive.write(b"#!/usr/bin/env python3\n")
     with zipfile.ZipFile(archive, "w") as writer:
@@ -51,6 +55,14 @@ def bundle() -> bytes:
             entry.external_attr = 0o644 << 16
             writer.writestr(entry, data)
     return archive.getvalue()
+
+
+def _byte_code(place: str, source: bytes) -> bytes:
+    """A module as Python keeps it compiled, valid whatever the date of its source (PEP 552)."""
+    code = compile(source, place, "exec", dont_inherit=True, optimize=0)
+    unchecked = (1).to_bytes(4, "little")
+    # Later versions of marshal write references, which depend on what else this process has in memory.
+    return MAGIC_NUMBER + unchecked + source_hash(source) + marshal.dumps(code, 2)
 
 
 def is_bundle(path: Path) -> bool:

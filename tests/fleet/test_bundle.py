@@ -33,10 +33,13 @@ def application(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sources(application):
-    """Name -> text of all that is in it."""
+    """Name -> text of all that is in it but byte code, of which there is one for each module."""
     with zipfile.ZipFile(application) as archive:
         assert archive.testzip() is None
-        return {name: archive.read(name).decode() for name in archive.namelist()}
+        compiled = {name for name in archive.namelist() if name.endswith(".pyc")}
+        texts = {name: archive.read(name).decode() for name in archive.namelist() if name not in compiled}
+    assert compiled == {f"{name}c" for name in texts if name.endswith(".py")}
+    return texts
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +127,16 @@ for name, module in sys.modules.items():
     places = [ast.literal_eval(line) for line in done.stdout.splitlines()]
     assert {archive for archive, *_ in places} == {str(application.with_suffix(""))}
     assert {place.partition("/")[0] for *_, place in places} == {"mercator_design", *NEEDED}
+    assert {Path(place).suffix for *_, place in places} == {".pyc"}, "compiled again at each start"
+
+
+def test_byte_code_of_another_python_is_not_used(application, python, tmp_path, monkeypatch):
+    monkeypatch.setattr(bundling, "MAGIC_NUMBER", b"\0\0\r\n")
+    file = tmp_path / "robot.pyz"
+    file.write_bytes(bundle())
+    assert file.stat().st_size == application.stat().st_size
+    done = run(python, file, "--version")
+    assert (done.returncode, done.stdout) == (0, f"mercator-robot, version {__version__}\n")
 
 
 COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/kernel_cache")}

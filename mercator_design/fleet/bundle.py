@@ -32,7 +32,7 @@ def bundle() -> bytes:
     """A zip application with the modules that the robot imports, the packages that they need, and licences.
 
     Beside the sources there is byte code. With it, this version of Python starts in less than half of the time; others
-    ignore it. The same sources and version give the same bytes on any machine: names are sorted, there are no dates, and
+    ignore it. The same sources and version give the same bytes anywhere: names are sorted, there are no dates, and
     nothing is compressed, because versions of zlib differ.
 
     Raises:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from mercator_design.analysis.swarm import evaluate_with_stats
-from mercator_design.api import evaluate, simulate
+from mercator_design.api import Evaluation, evaluate, simulate
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
 from mercator_design.fsm.files import read_fsm, read_fsms
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.analysis.pairs import compared
+from mercator_design.race.racing.summary import Scores
+from mercator_design.report.evaluations import Comparison, Evaluated, comparison_text
 from mercator_design.sim.simulate import Simulator
 
 STOP, WALK, W1 = (
@@ -76,6 +78,40 @@ class TestStats:
         _, stats = evaluate_with_stats(Simulator(mission), parse(STOP), [1])
         assert (stats.states, stats.transitions) == ((1.0,), 0.0)
         assert stats.speed == pytest.approx(0, abs=1e-9)
+
+
+class TestVerdict:
+    """The last line but one: which is best, and of which others the tests do not tell it."""
+
+    SCORES = (1.0, 2.0, 3.0, 4.0)
+
+    def verdict(self, mission, *others):
+        simulator = Simulator(mission)
+
+        def evaluated(k, scores):
+            return Evaluated(f"f{k}", parse(STOP), Evaluation(scores=Scores(scores), seeds=tuple(range(4))))
+
+        of = [evaluated(k, scores) for k, scores in enumerate((self.SCORES, *others))]
+        text = comparison_text(Comparison(of, simulator), simulator, seed=1)
+        return next(line for line in text.splitlines() if line.startswith("Best: "))
+
+    def worse(self, *by):
+        return tuple(score - less for score, less in zip(self.SCORES, by, strict=True))
+
+    def test_a_single_one(self, mission):
+        assert self.verdict(mission) == "Best: f0"
+
+    def test_better_than_all(self, mission):
+        words = "Best: f0, significantly better than the others"
+        assert self.verdict(mission, self.worse(1, 1, 1, 1.01), self.worse(2, 2, 2, 2.01)) == words
+
+    def test_better_than_some(self, mission):
+        words = "Best: f0; not significantly worse: f1"
+        assert self.verdict(mission, self.worse(1, -1, 1, 0), self.worse(2, 2, 2, 2.01)) == words
+
+    def test_equal_ones_that_are_too_many_to_be_named(self, mission):
+        same = [self.SCORES] * 10
+        assert self.verdict(mission, *same) == "Best: f0; not significantly worse: 10 of the 10 others"
 
 
 class TestVerb:

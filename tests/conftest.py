@@ -75,8 +75,8 @@ def pytest_collection_finish():
 
 
 def pytest_xdist_auto_num_workers():
-    """One more than processors: tests that depend on real time mostly wait."""
-    return available_jobs() + 1
+    """Two more than processors: tests that depend on real time mostly wait, others for programs that they start."""
+    return available_jobs() + 2
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups

@@ -33,7 +33,7 @@ PROOF = "proof.json"
 RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
 """Names of contestants; that of a PFSM of one state is its behaviour with `ALONE`."""
 _SHARE = 0.08  # of the budget
-_FEWEST, _MOST = 5, 50  # instances
+_MIN_RUNS, _MAX_RUNS = 5, 50  # instances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +77,7 @@ class Proof:
 def default_runs(designer: Designer, record: Record) -> int:
     """The number of instances for which the experiments are about 8 % of the budget; at least 5, at most 50."""
     n = len(_contestants(designer, record, 1))
-    return max(_FEWEST, min(_MOST, int(_SHARE * record.budget / n)))
+    return max(_MIN_RUNS, min(_MAX_RUNS, int(_SHARE * record.budget / n)))
 
 
 def read_proof(folder: Path, record: Record) -> Proof | None:

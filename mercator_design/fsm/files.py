@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
-from mercator_design.fsm.text import Tell, other_flavour, out_of_domain, parse, to_text
+from mercator_design.fsm.text import Warn, other_flavour, out_of_domain, parse, to_text
 from mercator_design.fsm.words.names import is_state_name, state_names
 from mercator_design.system.files import small_text
 
@@ -36,7 +36,7 @@ class FsmFile:
             object.__setattr__(self, "names", state_names(self.pfsm))
 
 
-def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
+def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
     """Read an fsm.txt or an fsm.yaml.
 
     Args:
@@ -51,7 +51,7 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Tell | None = 
     return fsm_of(small_text(path, _MAX_SIZE, FsmError), str(path), flavour, tolerate=tolerate)
 
 
-def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Tell | None = None) -> FsmFile:
+def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
     """As `read_fsm`, of the text of a file; `label` names it in errors."""
     if _is_yaml(text):
         return _read_yaml(text, label, flavour, tolerate)
@@ -62,7 +62,7 @@ def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Tell 
     return _read_line(*found[0], header, label, flavour, tolerate)
 
 
-def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Tell | None = None) -> dict[int, FsmFile]:
+def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> dict[int, FsmFile]:
     """Read a file of several PFSMs, one on each line, as published data sets have them; by the number of the line.
 
     The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
@@ -81,7 +81,7 @@ def _is_yaml(text: str) -> bool:
     return _YAML_BEGINS.match(first) is not None
 
 
-def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Tell | None) -> FsmFile:
+def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None) -> FsmFile:
     from mercator_design.fsm.yaml_form import parse_yaml
 
     lenient = tolerate is not None
@@ -117,7 +117,7 @@ def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
 
 
 def _read_line(
-    number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Tell | None
+    number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Warn | None
 ) -> FsmFile:
     header = dict(header)
     named = header.pop(_FLAVOUR, FLAVOURS[0])

@@ -28,13 +28,13 @@ from mercator_design.fsm.pfsm import (
     relative_target,
 )
 
-Tell = Callable[[str], None]
+Warn = Callable[[str], None]
 
-_LONGEST_WARNING = 200
+_MAX_WARNING = 200
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _NOT_DECIMAL = re.compile(r"[+-]?(?:inf|nan|0x)", re.IGNORECASE)
-_LONGEST_TOKEN = 40
+_MAX_TOKEN = 40
 
 
 def _flags(table: Iterable[Module]) -> set[str]:
@@ -47,7 +47,7 @@ _OF_TRANSITIONS = "|".join(sorted({"n", "c"} | _flags(CONDITIONS)))
 _FLAG = re.compile(rf"--(?:nstates|(?:{_OF_STATES})[0-9]+|(?:{_OF_TRANSITIONS})[0-9]+x[0-9]+)")
 
 
-def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = None) -> Pfsm:
+def parse(line: str, flavour: str = "watermelon", *, tolerate: Warn | None = None) -> Pfsm:
     """The PFSM that a command line describes.
 
     Args:
@@ -65,8 +65,8 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Tell | None = Non
     if tokens[:1] == ["--fsm-config"]:
         del tokens[0]
     for token in tokens:
-        if len(token) > _LONGEST_TOKEN or not token.isprintable():
-            raise FsmError(f"expected a flag or a number, found {token[:_LONGEST_TOKEN]!r}")
+        if len(token) > _MAX_TOKEN or not token.isprintable():
+            raise FsmError(f"expected a flag or a number, found {token[:_MAX_TOKEN]!r}")
     given = tokens
     if tolerate:
         tokens = _as_original(tokens, flavour, tolerate)
@@ -90,11 +90,11 @@ def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
     return ""
 
 
-def out_of_domain(pfsm: Pfsm, tell: Tell) -> None:
-    """Tell of each parameter that is outside its domain."""
+def out_of_domain(pfsm: Pfsm, warn: Warn) -> None:
+    """Warn of each parameter that is outside its domain."""
     for place, module, parameter, value in _parameters(pfsm):
         if not parameter.contains(value):
-            tell(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
+            warn(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
 
 
 def to_text(pfsm: Pfsm) -> str:
@@ -166,8 +166,8 @@ class _TokenReader:
         parameters = self._values(place, module, self._gather(flags), f"{i}")
         transitions: tuple[Transition, ...] = ()
         if self._peek() == f"--n{i}":
-            most = MAX_TRANSITIONS if n > 1 else 0
-            m = self._integer(f"--n{i}", f"the number of transitions of {place} (of {n})", 0, most)
+            max_transitions = MAX_TRANSITIONS if n > 1 else 0
+            m = self._integer(f"--n{i}", f"the number of transitions of {place} (of {n})", 0, max_transitions)
             transitions = tuple(self._transition(i, j, n) for j in range(m))
         return State(module.name, parameters, transitions)
 
@@ -234,7 +234,7 @@ class _TokenReader:
         return tuple(values)
 
 
-def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
+def _as_original(tokens: list[str], flavour: str, warn: Warn) -> list[str]:
     """The tokens that the original builder makes use of, with numbers as C's atoi and strtod read them.
 
     AutoMoDeFsmBuilder searches slices of the text for flags: the first of each counts, what it does not search for is
@@ -260,7 +260,7 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
         elif cut and math.isfinite(float(value)):
             value = str(int(float(value)))
         if value != text:
-            tell(f"{flag} {text} was read as {value}")
+            warn(f"{flag} {text} was read as {value}")
         clean.extend((flag, value))
         return value
 
@@ -285,5 +285,5 @@ def _as_original(tokens: list[str], flavour: str, tell: Tell) -> list[str]:
             take_parameters(numbered(CONDITIONS, flavour), condition, f"{i}x{j}", first, last)
     ignored = " ".join(token for k, token in enumerate(tokens) if k not in used)
     if ignored:
-        tell(f"ignored: {ignored if len(ignored) <= _LONGEST_WARNING else ignored[:_LONGEST_WARNING] + ' ...'}")
+        warn(f"ignored: {ignored if len(ignored) <= _MAX_WARNING else ignored[:_MAX_WARNING] + ' ...'}")
     return clean

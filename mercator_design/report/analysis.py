@@ -21,7 +21,7 @@ from mercator_design.system.files import Unreadable, read_small
 
 ABLATION = "ablation.csv"
 """The path of removals from a winner, in its run folder."""
-_MOST = 20
+_MAX_SHOWN = 20
 """Maximum number of parameters on a page."""
 _COLOUR = "#0072b2"
 _MAX_SIZE = 1024 * 1024  # bytes of a table
@@ -40,9 +40,9 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             _value(task, one),
             f"{one.gain:.3g}",
         )
-        for one in explanation.parameters[:_MOST]
+        for one in explanation.parameters[:_MAX_SHOWN]
     ]
-    others = explanation.parameters[_MOST:]
+    others = explanation.parameters[_MAX_SHOWN:]
     return "\n".join(
         [
             f"{task.name}: from {explanation.configurations} configurations that were raced, "

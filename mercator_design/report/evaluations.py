@@ -16,10 +16,10 @@ from mercator_design.report.columns import aligned, difference
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.csv_text import csv_text
 
-_MOST_PAIRS = 10
+_MAX_PAIRS = 10
 """Number of pairs that are printed; of more, only those with the best."""
 
-_WIDEST = 30
+_MAX_WIDTH = 30
 """Maximum width of a name in a table [characters]."""
 
 
@@ -39,7 +39,7 @@ class Evaluated(NamedTuple):
     def label(self) -> str:
         """The name in tables: the end of a long one, where the line is."""
         name = printable(self.name)
-        return name if len(name) <= _WIDEST else f"...{name[3 - _WIDEST :]}"
+        return name if len(name) <= _MAX_WIDTH else f"...{name[3 - _MAX_WIDTH :]}"
 
 
 class Comparison:
@@ -117,7 +117,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
             )
         )
     lines = [*_head(best.scores, simulator, seed), "", *aligned(rows)]
-    if 1 < len(found.pairs) <= _MOST_PAIRS:
+    if 1 < len(found.pairs) <= _MAX_PAIRS:
         pairs = [
             (
                 f"{found.of[pair.first].label} - {found.of[pair.second].label}",
@@ -131,7 +131,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
     if not found.pairs:
         rest = ""
     elif equals:
-        names = ", ".join(equals) if len(equals) < _MOST_PAIRS else f"{len(equals)} of the {len(found.of) - 1} others"
+        names = ", ".join(equals) if len(equals) < _MAX_PAIRS else f"{len(equals)} of the {len(found.of) - 1} others"
         rest = f"; not significantly worse: {names}"
     else:
         rest = ", significantly better than the others"

@@ -35,14 +35,16 @@ _TOKEN = HTTPBearer(auto_error=False, description="A token of `mdesign users`; w
 def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
     """The application of a running service, behind the guard: what is served."""
     app = application(service)
-    guard = Guard(_asking(app), service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams)
+    guard = Guard(
+        _with_user(app), service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams
+    )
     if not entrance.is_behind_proxy:
         return guard
     return ProxyHeadersMiddleware(guard, [*entrance.proxies])  # type: ignore[arg-type,return-value]  # types of its own
 
 
-def _asking(app: ASGIApp) -> ASGIApp:
-    """An application that tells the desk for which user it asks for work."""
+def _with_user(app: ASGIApp) -> ASGIApp:
+    """An application whose requests name their user, for the desk."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         user = scope["state"]["user"] if scope["type"] == "http" else None

@@ -179,8 +179,8 @@ def _moved(start: Pose, log: _RobotLog, row: NDArray[Any]) -> Floats:
 
 def _places(latest: Sequence[Sequence[_Cycle]]) -> Floats:
     """The neighbours that robots measured (cycles, robots, n, 2); NaN where there is none."""
-    most = max((len(cycle.places) for row in latest for cycle in row), default=0)
-    places = np.full((len(latest[0]), len(latest), most, 2), np.nan)
+    n_places = max((len(cycle.places) for row in latest for cycle in row), default=0)
+    places = np.full((len(latest[0]), len(latest), n_places, 2), np.nan)
     for robot, row in enumerate(latest):
         for k, cycle in enumerate(row):
             if cycle.places:

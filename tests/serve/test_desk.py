@@ -136,8 +136,8 @@ def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
 
 def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
     monkeypatch.setattr(module, "_PATIENCE", LIMIT)
-    monkeypatch.setattr(module, "_MOST_OF_USER", 2)
-    monkeypatch.setattr(module, "_MOST", 3)
+    monkeypatch.setattr(module, "_MAX_OF_USER", 2)
+    monkeypatch.setattr(module, "_MAX_REQUESTS", 3)
     waiting = []
 
     def wait(user):

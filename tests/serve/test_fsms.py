@@ -322,7 +322,7 @@ class TestReplay:
         mission = MissionSource(name="aggregation", overrides=("duration=3", f"floor.dynamics=[{blink}]"))
         machines = Machines(fsms=(FsmSource(name="one", text=STOP),) * 2, mission=mission, limits=Limits())
         n = sum(len(one["header"]["floor"]["changes"]) for one in replays(machines, 1))
-        monkeypatch.setattr("mercator_design.serve.desk.machines._MOST_CHANGES", n - 1)
+        monkeypatch.setattr("mercator_design.serve.desk.machines._MAX_CHANGES", n - 1)
         with pytest.raises(MissionError, match=f"at most {n - 1:,} changes of zones in a replay, found {n:,}"):
             replays(machines, 1)
 

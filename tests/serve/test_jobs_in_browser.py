@@ -128,15 +128,15 @@ def test_a_job_is_changed_and_deleted(page, live):
     page.evaluate("document.querySelector('#change [name=budget]').value = 5000")
     page.evaluate("document.querySelector('#change [name=priority]').value = 7")
     page.evaluate("document.querySelector('#change button').click()")
-    page.wait_for("document.querySelector('#told').innerText === 'Changed.'")
+    page.wait_for("document.querySelector('#notice').innerText === 'Changed.'")
     row = live.service.index.get(job)
     assert (row.budget, row.priority) == (5000, 7)
     page.wait_for("document.querySelector('#now').innerText.includes('of 5000')")
     live.service.jobs.change(job, priority=3)  # elsewhere
-    page.evaluate("document.querySelector('#told').innerText = ''")
+    page.evaluate("document.querySelector('#notice').innerText = ''")
     page.evaluate("document.querySelector('#change [name=budget]').value = 6000")
     page.evaluate("document.querySelector('#change button').click()")
-    page.wait_for("document.querySelector('#told').innerText === 'Changed.'")
+    page.wait_for("document.querySelector('#notice').innerText === 'Changed.'")
     row = live.service.index.get(job)
     assert (row.budget, row.priority) == (6000, 3)
     assert page.evaluate("document.querySelector('#change [name=priority]').value") == "3"
@@ -162,7 +162,7 @@ def test_of_a_job_that_is_being_deleted_nothing_is_asked(page, live):
     page.evaluate("new Promise((done) => setTimeout(done, 100))")
     assert page.requests == []
     page.evaluate("Mercator.refuse(new Error('No.'))")
-    page.wait_for("document.querySelector('#told').innerText === 'No.'")
+    page.wait_for("document.querySelector('#notice').innerText === 'No.'")
     page.evaluate("Live.refresh('now')")
     assert page.requests
     assert live.service.index.get(job) is not None
@@ -172,8 +172,8 @@ def test_a_service_that_has_gone_and_comes_back_is_told(page, live, tmp_path, ra
     with still(tmp_path / "runs", raced) as one:
         with serving(guarded(one.service)) as address:
             page.open(address)
-        page.wait_for("document.querySelector('#told').innerText.includes('does not answer')")
+        page.wait_for("document.querySelector('#notice').innerText.includes('does not answer')")
         one.submit("local")
         with serving(guarded(one.service), int(address.rpartition(":")[2])):
             page.wait_for("document.querySelector('#jobs').innerText.includes('queued')")
-            page.wait_for("document.querySelector('#told').innerText === ''")
+            page.wait_for("document.querySelector('#notice').innerText === ''")

@@ -137,8 +137,8 @@ def test_a_session_that_a_stranger_has_chosen_is_none(lab, browser):
 
 
 def test_many_failures_have_to_wait(lab, browser):
-    found = [browser.post("/login", data={"token": "x"}).status_code for _ in range(attempts.MOST + 1)]
-    assert found == [401] * attempts.MOST + [429]
+    found = [browser.post("/login", data={"token": "x"}).status_code for _ in range(attempts.MAX + 1)]
+    assert found == [401] * attempts.MAX + [429]
     answer = browser.post("/login", data={"token": "x"})
     assert int(answer.headers["retry-after"]) > 0
     assert "Wait" in answer.text
@@ -193,7 +193,7 @@ class TestSessions:
         assert made.token(secret) is None
 
     def test_old_ones_are_removed(self, made, clock, monkeypatch):
-        monkeypatch.setattr(sessions, "_MOST", 3)
+        monkeypatch.setattr(sessions, "_MAX_SESSIONS", 3)
         until = clock.now() + timedelta(days=300)
         secrets = []
         for _ in range(5):

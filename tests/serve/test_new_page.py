@@ -243,7 +243,7 @@ class TestBrowser:
         page = opened(SHORT)
         page.evaluate("document.getElementById('budget').value = '-1'")
         page.click("#submit")
-        page.wait_for("document.getElementById('told').textContent.startsWith('Budget')")
+        page.wait_for("document.getElementById('notice').textContent.startsWith('Budget')")
         assert page.evaluate(FOCUS) == "budget"
         page.evaluate("document.getElementById('budget').value = '3'")
         page.evaluate("document.getElementById('budget').dispatchEvent(new Event('input'))")
@@ -275,7 +275,7 @@ class TestBrowser:
         page.click("#submit")
         page.wait_for("held.bodies.length === 1")
         page.evaluate("held.lose()")
-        page.wait_for("document.getElementById('told').textContent.includes('does not answer')")
+        page.wait_for("document.getElementById('notice').textContent.includes('does not answer')")
         assert page.evaluate("location.pathname") == "/new"
         page.click("#submit")
         page.wait_for("location.pathname.startsWith('/jobs/')")

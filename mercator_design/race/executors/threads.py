@@ -89,9 +89,9 @@ class ThreadExecutor:
         numbered: Iterator[tuple[int, Any]] = enumerate(left)
         together: Callable[[Group[T]], Results[R]]
         if isinstance(function, Stepped):
-            together, most = partial(_in_steps, function), _MAX_GROUP
+            together, group_limit = partial(_in_steps, function), _MAX_GROUP
         else:
-            together, most = partial(_one_by_one, function), 1
+            together, group_limit = partial(_one_by_one, function), 1
         done: queue.SimpleQueue[tuple[Results[R], float]] = queue.SimpleQueue()
 
         def run(group: Group[T]) -> None:
@@ -115,7 +115,7 @@ class ThreadExecutor:
             results, seconds = _next(done)
             yield from results
             under_way -= 1
-            max_group = max(min(int(_GROUP_SECONDS * len(results) / max(seconds, 1e-6)), most), 1)
+            max_group = max(min(int(_GROUP_SECONDS * len(results) / max(seconds, 1e-6)), group_limit), 1)
 
     def _serve(self) -> None:
         while (job := self._todo.get()) is not None:

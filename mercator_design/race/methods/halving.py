@@ -303,5 +303,5 @@ class Halving(Optimizer):
 
     def _n_affordable(self, size: int, left: int) -> int:
         """The largest number of newcomers, up to a size, for a generation with a budget; 0 if it is too small."""
-        least = min(size, self.options.elites)
-        return next((n for n in range(size, least - 1, -1) if self._n_experiments(len(self.elites) + n) <= left), 0)
+        minimum = min(size, self.options.elites)
+        return next((n for n in range(size, minimum - 1, -1) if self._n_experiments(len(self.elites) + n) <= left), 0)

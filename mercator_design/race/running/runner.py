@@ -21,7 +21,7 @@ from typing import Generic, TypeVar
 
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.executor import Executor, ExecutorStopped, Failed, Items, attempt
-from mercator_design.race.methods.asking import Asking
+from mercator_design.race.methods.next_batch import NextBatch
 from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing, experiment_of, known_tests, results_of, test_of
@@ -91,7 +91,7 @@ class RaceRun(Generic[T]):
         self._todo: deque[Experiment] = deque()  # those that have not begun
         self._under_way: dict[int, Experiment] = {}  # by the index of its item
         self._likely: Iterator[Experiment] | None = None  # speculative experiments; None if not computed yet
-        self._asking: Asking | None = None  # for the next batch, while the race proposes it
+        self._next_batch: NextBatch | None = None  # for the next batch, while the race proposes it
         self._held: dict[Experiment, Measurement | Failed] = {}  # results that are not recorded yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
         self._n_told = 0
@@ -148,11 +148,11 @@ class RaceRun(Generic[T]):
         for place, result in self._executor.run(self.problem.function, Items(self._next_item, lambda: len(self._todo))):
             if (experiment := self._under_way.pop(place, None)) is not None:  # else its prediction was wrong
                 self._held[experiment] = result
-            if self._asking is None:
+            if self._next_batch is None:
                 self._receive()
             yield from self._advance()
-        if self._asking is not None:  # stopped
-            self._take(self._asking)
+        if self._next_batch is not None:  # stopped
+            self._take(self._next_batch)
             yield from self._unseen()
         if self._failures:
             raise self._failures[min(self._failures)]
@@ -196,7 +196,7 @@ class RaceRun(Generic[T]):
             yield self._pending.popleft()
 
     def _item(self, experiment: Experiment) -> T:
-        upcoming = self._asking and self._asking.upcoming.get(experiment)
+        upcoming = self._next_batch and self._next_batch.upcoming.get(experiment)
         return self.problem.item(experiment, upcoming or self._optimizer.configurations[experiment.configuration])
 
     def _cost(self, score: float | None) -> float:
@@ -206,8 +206,8 @@ class RaceRun(Generic[T]):
         """The next item to run: first those of the batch, then speculative ones while workers would be idle."""
         if self._ended or self._is_over():
             raise StopIteration
-        if self._asking is not None and not self._todo:
-            self._take(self._asking)
+        if self._next_batch is not None and not self._todo:
+            self._take(self._next_batch)
         experiment = self._todo.popleft() if self._todo else self._next_speculative()
         if experiment is None:
             return None
@@ -223,10 +223,10 @@ class RaceRun(Generic[T]):
     def _advance(self) -> Iterator[Event]:
         """Tell the race its costs and ask for the next batch, until an experiment has to run or the race has ended."""
         while not (self._ended or self._is_over()):
-            if self._asking is not None:
-                if not self._asking.done and (self._todo or self._under_way):
+            if self._next_batch is not None:
+                if not self._next_batch.done and (self._todo or self._under_way):
                     return
-                self._take(self._asking)
+                self._take(self._next_batch)
             self._evaluate()
             yield from self._unseen()
             if self._missing or self._failures:
@@ -239,7 +239,7 @@ class RaceRun(Generic[T]):
                 self._note_iterations()
                 yield from self._unseen()
             self._ask()
-            if self._batch or self._asking is not None:
+            if self._batch or self._next_batch is not None:
                 continue
             self._note_end()
             yield from self._unseen()
@@ -256,15 +256,15 @@ class RaceRun(Generic[T]):
             if self._batch:
                 self._look_up()
             return
-        self._asking = Asking(self._optimizer, {*self._under_way.values(), *self._record.speculative})
+        self._next_batch = NextBatch(self._optimizer, {*self._under_way.values(), *self._record.speculative})
         self._batch = []
-        self._todo.extend(self._asking.upcoming)
+        self._todo.extend(self._next_batch.upcoming)
 
-    def _take(self, asking: Asking) -> None:
+    def _take(self, next_batch: NextBatch) -> None:
         """Take the batch that was asked for, and record the results that are held, if their numbers were right."""
-        self._batch, self._asking = asking.batch(), None
-        self._under_way = {place: one for place, one in self._under_way.items() if asking.is_right(one)}
-        self._held = {one: result for one, result in self._held.items() if asking.is_right(one)}
+        self._batch, self._next_batch = next_batch.batch(), None
+        self._under_way = {place: one for place, one in self._under_way.items() if next_batch.is_right(one)}
+        self._held = {one: result for one, result in self._held.items() if next_batch.is_right(one)}
         self._todo.clear()
         if self._batch:
             self._look_up()

@@ -62,7 +62,7 @@ class Follower(ThreadingHTTPServer):
             raise RaceError(f"{folder}: expected a race that is running, found one that is {facts.state}")
         self._page = following_page(facts)
         self._live, self._again = "", 0.0  # the last live part, and from when on to make the next one
-        self._is_told = False
+        self._is_sent = False
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -81,7 +81,7 @@ class Follower(ThreadingHTTPServer):
     def serve(self) -> None:
         """Serve until the race has ended, and a page has the report or has not asked for it."""
         end = None
-        while not self._is_told and (end is None or time.monotonic() < end):
+        while not self._is_sent and (end is None or time.monotonic() < end):
             self.handle_request()
             if end is None and not self.is_running:
                 end = time.monotonic() + _FAREWELL
@@ -95,7 +95,7 @@ class Follower(ThreadingHTTPServer):
         """Whether a request names this server."""
         return host in {f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"}
 
-    def tell(self, send: Callable[[str], None]) -> None:
+    def send_page(self, send: Callable[[str], None]) -> None:
         """Send the page; the report when the race has ended."""
         if self.is_running:
             send(self._page)
@@ -106,7 +106,7 @@ class Follower(ThreadingHTTPServer):
             except MercatorError as error:
                 report = note(error)
         send(report)
-        self._is_told = True  # not before: the server ends with it
+        self._is_sent = True  # not before: the server ends with it
 
     def live(self) -> str:
         """The live part of the page as JSON."""
@@ -135,7 +135,7 @@ class _Handler(BaseHTTPRequestHandler):
         if not self.server.is_own(self.headers.get("Host")):
             self._answer(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "This is not the host of this page.\n")
         elif self.path == "/":
-            self.server.tell(partial(self._answer, HTTPStatus.OK, "text/html"))
+            self.server.send_page(partial(self._answer, HTTPStatus.OK, "text/html"))
         elif self.path == "/live":
             self._answer(HTTPStatus.OK, "application/json", self.server.live())
         else:

@@ -9,7 +9,7 @@ from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, command, figure, note, p_text, row_of, section
 from mercator_design.view.charts import Axis, Dot, interval_chart
 
-_MOST = 12
+_MAX_SHOWN = 12
 _NORMAL = 1.96  # standard errors of half an interval
 
 
@@ -26,7 +26,7 @@ def _importance(facts: Facts) -> Html:
         _, explanation = measured(facts.folder)
     except RaceError as error:
         return note(error.messages[0])
-    halves = [(one, _NORMAL * one.error) for one in explanation.parameters[:_MOST]]
+    halves = [(one, _NORMAL * one.error) for one in explanation.parameters[:_MAX_SHOWN]]
     dots = [Dot(one.name.replace("_", " "), one.share, one.share - half, one.share + half) for one, half in halves]
     if not dots:
         return Html()

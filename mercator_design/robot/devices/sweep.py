@@ -21,7 +21,7 @@ MIN_READINGS = 2
 _GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
 _ASIDE = 2 * 64  # margin of a gap, as turns differ
 _SURE = 0.9  # part of the samples that a lidar has measured at least in a time
-_MOST = 0.6 * TURN  # angle that is missing, above which it is a whole turn
+_MAX_MISSING = 0.6 * TURN  # angle that is missing, above which it is a whole turn
 _LATE = 0.1  # [s] for packets that are read late
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
 
@@ -123,11 +123,11 @@ class Sweep:
         """The angle of whole turns that are missing before the latest pause, once late packets have been read."""
         waited = _SURE * SAMPLE_RATE * self._step * max(0.0, read - self._read)
         self._read = read
-        if waited > _MOST:
+        if waited > _MAX_MISSING:
             self._paused = read
-        if waited > _MOST or self._behind > 0.0:
+        if waited > _MAX_MISSING or self._behind > 0.0:
             self._behind += waited
-        if self._behind <= _MOST or read - self._paused <= _LATE:
+        if self._behind <= _MAX_MISSING or read - self._paused <= _LATE:
             return 0
         return TURN * max(1, round(self._behind / TURN))
 

@@ -110,17 +110,19 @@ def has_body(headers: Headers) -> bool:
     return "transfer-encoding" in headers or headers.get("content-length", "0") != "0"
 
 
-async def read_body(receive: Receive, headers: Headers, most: int, seconds: float, clock: Callable[[], float]) -> bytes:
+async def read_body(
+    receive: Receive, headers: Headers, limit: int, seconds: float, clock: Callable[[], float]
+) -> bytes:
     """The body of a request.
 
     Raises:
-        Refusal: It is larger than `most` bytes, or it takes longer than `seconds`.
+        Refusal: It is larger than `limit` bytes, or it takes longer than `seconds`.
         Gone: The client has gone.
     """
     too_slow = Refusal(408, "Too slow", f"expected the body within {seconds:g} s")
-    too_large = Refusal(413, "Too large", f"expected a body of at most {most} bytes")
+    too_large = Refusal(413, "Too large", f"expected a body of at most {limit} bytes")
     length = headers.get("content-length", "0")
-    if not (length.isascii() and length.isdecimal() and len(length) < 16) or int(length) > most:
+    if not (length.isascii() and length.isdecimal() and len(length) < 16) or int(length) > limit:
         raise too_large
     end, parts, size, more = clock() + seconds, list[bytes](), 0, True
     try:
@@ -131,7 +133,7 @@ async def read_body(receive: Receive, headers: Headers, most: int, seconds: floa
                     raise Gone
                 parts.append(message.get("body", b""))
                 size, more = size + len(parts[-1]), message.get("more_body", False)
-                if size > most:
+                if size > limit:
                     raise too_large
                 if clock() > end:
                     raise too_slow

@@ -10,7 +10,7 @@ from mercator_design.errors import MercatorError
 from mercator_design.report.progress import Mode
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.client import follow as following
-from mercator_design.serve.client.follow import STATE, Told, result
+from mercator_design.serve.client.follow import STATE, JobEvent, result
 
 
 @click.command(epilog=EPILOG)
@@ -26,9 +26,9 @@ def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
     Exit codes: 0, the job has succeeded; 1, it has failed or was cancelled, or the service refuses.
     """
 
-    def each(told: Told) -> None:
-        if json_lines and told.kind != STATE:
-            print_result(json.dumps(told.data))
+    def each(received: JobEvent) -> None:
+        if json_lines and received.kind != STATE:
+            print_result(json.dumps(received.data))
 
     with connected(server) as connection:
         job_at_end = following.follow(connection, job, progress, announce=print_message, each=each)

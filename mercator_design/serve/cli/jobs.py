@@ -89,7 +89,7 @@ def show(job: str, server: str) -> None:
     print_result(json.dumps(_send(server, "GET", job), indent=2))
 
 
-def _told(job: dict[str, Any]) -> None:
+def _print_job(job: dict[str, Any]) -> None:
     print_message(f"{job['id']}: {job['state']}" + f", {job['message']}" * bool(job["message"]))
 
 
@@ -98,7 +98,7 @@ def _told(job: dict[str, Any]) -> None:
 @_SERVICE
 def pause(job: str, server: str) -> None:
     """Stop JOB until it is resumed; its running experiments finish."""
-    _told(_send(server, "POST", job, "/pause"))
+    _print_job(_send(server, "POST", job, "/pause"))
 
 
 @jobs.command(short_help="Let a job go on.")
@@ -106,7 +106,7 @@ def pause(job: str, server: str) -> None:
 @_SERVICE
 def resume(job: str, server: str) -> None:
     """Let JOB go on that was paused or has failed."""
-    _told(_send(server, "POST", job, "/resume"))
+    _print_job(_send(server, "POST", job, "/resume"))
 
 
 @jobs.command(short_help="Stop a job for good.")
@@ -114,7 +114,7 @@ def resume(job: str, server: str) -> None:
 @_SERVICE
 def cancel(job: str, server: str) -> None:
     """Stop JOB for good; its results so far stay."""
-    _told(_send(server, "POST", job, "/cancel"))
+    _print_job(_send(server, "POST", job, "/cancel"))
 
 
 @jobs.command(short_help="Change budget, priority or sharing of a job.")
@@ -131,7 +131,7 @@ def change(job: str, budget: int | None, priority: int | None, shared: bool | No
     body = {name: value for name, value in wanted.items() if value is not None}
     if not body:
         raise click.UsageError("expected --budget, --priority, --shared or --private")
-    _told(_send(server, "PATCH", job, json=body))
+    _print_job(_send(server, "PATCH", job, json=body))
 
 
 @jobs.command(short_help="Delete a job with its files.")

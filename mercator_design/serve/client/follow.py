@@ -28,7 +28,7 @@ _WAITS = (0.5, 1.0, 2.0, 5.0, 10.0)
 Sleep = Callable[[float], None]
 
 
-class Told(NamedTuple):
+class JobEvent(NamedTuple):
     """An event of a job.
 
     kind: "state", or that of the journal, such as "experiment".
@@ -54,7 +54,7 @@ class _Raced(NamedTuple):
 
 def events_of(
     connection: Connection, job: str, *, announce: Callable[[str], None], sleep: Sleep = time.sleep
-) -> Iterator[Told]:
+) -> Iterator[JobEvent]:
     """The events of a job until it has ended: each event of its journal once, whatever happens to the connection.
 
     Raises:
@@ -63,10 +63,10 @@ def events_of(
     place, tries, is_announced = "", 0, False
     while True:
         try:
-            for identity, told in _stream(connection, job, place):
+            for identity, received in _stream(connection, job, place):
                 place, tries, is_announced = identity or place, 0, False
-                yield told
-                if told.kind == STATE and told.data.get("state") in ENDED:
+                yield received
+                if received.kind == STATE and received.data.get("state") in ENDED:
                     return
         except Lost as lost:
             if not is_announced:
@@ -76,7 +76,7 @@ def events_of(
         tries += 1
 
 
-def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str, Told]]:
+def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str, JobEvent]]:
     """The events of one connection, with their places."""
     headers = {"Accept": "text/event-stream", "Cache-Control": "no-store"} | ({"Last-Event-ID": place} if place else {})
     timeout = httpx.Timeout(_SILENCE, connect=10.0)
@@ -89,7 +89,7 @@ def _stream(connection: Connection, job: str, place: str) -> Iterator[tuple[str,
                 data = json.loads(event.data)
                 if not isinstance(data, dict):
                     raise ClientError(f"{connection.server}: expected an event, found {excerpt(event.data)}")
-                yield event.id, Told(event.event, data)
+                yield event.id, JobEvent(event.event, data)
         except (SSEError, ValueError) as error:
             raise ClientError(f"{connection.server}: expected the events of a job: {error}") from None
 
@@ -100,7 +100,7 @@ def follow(
     mode: Mode,
     *,
     announce: Callable[[str], None],
-    each: Callable[[Told], None] = lambda told: None,  # noqa: ARG005 - a name for the reader
+    each: Callable[[JobEvent], None] = lambda received: None,  # noqa: ARG005 - a name for the reader
     sleep: Sleep = time.sleep,
 ) -> dict[str, Any]:
     """Show the progress of a job until it has ended, and call `each` with its events; returns the job at its end.
@@ -118,16 +118,16 @@ def follow(
     standing, said = Standing(raced.cost, plan), ""
     with RaceDisplay(raced, budget, None, mode, progress=lambda: standing.progress) as display:
         display.known = known
-        for told in events_of(connection, job, announce=announce, sleep=sleep):
-            each(told)
-            if told.kind == STATE:
-                now = told.data
+        for received in events_of(connection, job, announce=announce, sleep=sleep):
+            each(received)
+            if received.kind == STATE:
+                now = received.data
                 if (words := _words(now)) != said and now.get("state") not in ENDED:
                     announce(f"{job}: {words}")
                 said = words
-            elif told.kind != "start":
+            elif received.kind != "start":
                 try:
-                    event = event_of(dict(told.data))
+                    event = event_of(dict(received.data))
                 except RaceError as error:
                     raise ClientError(f"{connection.server}: {error.messages[0]}") from None
                 standing.note(event)

@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 ASKED_BY: ContextVar[str] = ContextVar("asked_by", default="")
 """The name of the user who asks for work; whoever answers a request sets it."""
-_MOST, _MOST_OF_USER = 30, 12
+_MAX_REQUESTS, _MAX_OF_USER = 30, 12
 """Pieces of work at a time, with those that wait: of all, and of a user. Each keeps one of the 40 threads that answer
 requests, and the others answer what needs no helper."""
 _PATIENCE = 20.0
@@ -61,7 +61,7 @@ class Desk:
     def __init__(self, helpers: int, seconds: float, megabytes: int, plugins: Sequence[str], folder: Path) -> None:
         self._seconds, self._megabytes = seconds, megabytes
         self._plugins, self._folder = tuple(plugins), folder
-        self._most_of_user = max(1, helpers - 1)  # helpers; one is left to others
+        self._max_at_work = max(1, helpers - 1)  # helpers; one is left to others
         self._asked, self._at_work = Counter[str](), Counter[str]()  # pieces of work of users; those that do not wait
         self._changed = threading.Condition()
         self._is_closed = False
@@ -110,10 +110,10 @@ class Desk:
     def _helper(self, user: str) -> "Iterator[_Helper]":
         """A helper for a piece of work of a user; if that goes wrong, another one takes its place."""
         with self._changed:
-            if self._asked[user] >= _MOST_OF_USER or self._asked.total() >= _MOST:
+            if self._asked[user] >= _MAX_OF_USER or self._asked.total() >= _MAX_REQUESTS:
                 raise Busy("the service is busy with too much work at a time: try again in a moment")
             self._asked[user] += 1
-            if not self._changed.wait_for(lambda: self._idle and self._at_work[user] < self._most_of_user, _PATIENCE):
+            if not self._changed.wait_for(lambda: self._idle and self._at_work[user] < self._max_at_work, _PATIENCE):
                 self._asked -= Counter([user])
                 raise Busy("the service is busy with other work: try again in a moment")
             self._at_work[user] += 1

@@ -13,7 +13,7 @@ from mercator_design.sim.simulate import Simulator
 
 _SECONDS = 2.0
 """Computing time of the timed experiments, if there are so many."""
-_FEWEST, _MOST = 3, 40
+_MIN_RUNS, _MAX_RUNS = 3, 40
 _ASKED = {"halving": 0.5e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
 _ASKED_USUALLY = 1e-3
 """[s] of computing time in which a method proposes an experiment and takes its cost, measured on two slow cores."""
@@ -76,11 +76,11 @@ def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int)
 def _times(source: MissionSource, flavour: str, limits: Limits) -> tuple[float, ...]:
     """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
     simulator = Simulator(source.read(limits))
-    designer = Designer(simulator, budget=_MOST * 100, seed=1, flavour=flavour, method="random")
+    designer = Designer(simulator, budget=_MAX_RUNS * 100, seed=1, flavour=flavour, method="random")
     simulator.rehearse(announce=lambda _: None)
     times: list[float] = []
     for number, configuration in enumerate(dict.fromkeys(one.configuration for one in designer.optimizer.ask())):
-        if number >= _FEWEST and (number >= _MOST or sum(times) >= _SECONDS):
+        if number >= _MIN_RUNS and (number >= _MAX_RUNS or sum(times) >= _SECONDS):
             break
         pfsm, start = designer.pfsm(configuration), time.thread_time()
         simulator.run(pfsm, number)

@@ -25,9 +25,9 @@ from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.machines.diagram import diagram_svg
 from mercator_design.view.replay import Replay, replay_of
 
-_MOST_CELLS = 1_000_000
+_MAX_CELLS = 1_000_000
 """Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""
-_MOST_CHANGES = 100_000
+_MAX_CHANGES = 100_000
 """Changes of zones in the replays of a request."""
 _CYCLE = 0.1  # [s] of missions that say nothing else
 
@@ -154,9 +154,9 @@ def replays(machines: Machines, seed: int) -> list[Replay]:
     """
     simulator, fsms = machines.read()
     mission = simulator.mission
-    if (cells := mission.cycles * mission.robots) > _MOST_CELLS:
+    if (cells := mission.cycles * mission.robots) > _MAX_CELLS:
         raise MissionError(
-            f"{mission.name}: expected at most {_MOST_CELLS:,} cycles of all robots together in a replay, "
+            f"{mission.name}: expected at most {_MAX_CELLS:,} cycles of all robots together in a replay, "
             f"found {cells:,}"
         )
     found, changes = list[Replay](), 0
@@ -164,9 +164,9 @@ def replays(machines: Machines, seed: int) -> list[Replay]:
         title = f"{source.name} on {mission.name}, seed {seed}"
         found.append(replay_of(ShownExperiment.simulated(simulator, one.pfsm, seed, title=title, states=one.names)))
         changes += len(found[-1]["header"]["floor"]["changes"])
-        if changes > _MOST_CHANGES:
+        if changes > _MAX_CHANGES:
             raise MissionError(
-                f"{mission.name}: expected at most {_MOST_CHANGES:,} changes of zones in a replay, found {changes:,}"
+                f"{mission.name}: expected at most {_MAX_CHANGES:,} changes of zones in a replay, found {changes:,}"
             )
     return found
 

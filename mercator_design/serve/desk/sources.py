@@ -68,9 +68,9 @@ def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: Lim
     if mission.robot_model not in shipped.robot_models():
         where, found = mission.where("robot_model"), excerpt(mission.robot_model)
         raise MissionError(f"{where}: expected the name of a shipped one, found {found}")
-    for key, most in (("robots", limits.robots), ("duration", limits.duration)):
-        if (value := getattr(mission, key)) > most:
-            raise MissionError(f"{mission.where(key)}: expected at most {most:g}, the limit here, found {value:g}")
+    for key, limit in (("robots", limits.robots), ("duration", limits.duration)):
+        if (value := getattr(mission, key)) > limit:
+            raise MissionError(f"{mission.where(key)}: expected at most {limit:g}, the limit here, found {value:g}")
     return mission
 
 

@@ -81,11 +81,11 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
                 yield _piece(lines, place)
                 place += len(lines)
                 await asyncio.sleep(_PAUSE)
-        except ValueError as error:  # damaged; who comes back is told so
+        except ValueError as error:  # damaged; a client that comes back gets the problem
             _log.warning("job %s: its journal: %s", identity, error)
             return
-        if (told := replace(now, experiments=0, seconds=0.0, left=None)) != shown:
-            shown = told
+        if (current := replace(now, experiments=0, seconds=0.0, left=None)) != shown:
+            shown = current
             state = JournalEvent(place, b"state", Job.of(now).model_dump_json().encode())
             yield _text([state])
             silent = 0.0

@@ -48,7 +48,7 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
     MercatorError: (422, "Not valid"),
 }
 _OUR_FAULT = "the service has made a mistake; its log says which"
-"""What users are told: the rest may name folders of the server."""
+"""What users get: the rest may name folders of the server."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"model": Problem, "content": {"application/problem+json": {}}}
     for status in (400, 401, 403, 404, 405, 409, 413, 422, 429, 503, 507)

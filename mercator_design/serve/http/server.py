@@ -45,9 +45,9 @@ def run(
     at_end: Callable[[], None],
 ) -> None:
     """Serve an application until a signal ends this process; then call `at_end`, which ends event streams."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    _, limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(ValueError, OSError):  # not more than the system allows
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
     config = uvicorn.Config(
         app,
         http=PatientProtocol,

@@ -112,7 +112,7 @@ class Index:
         """The rows of run folders that are of no job."""
         return self._rows("WHERE owner = ''", [])
 
-    def tell_queued(self, message: str) -> None:
+    def set_queued_message(self, message: str) -> None:
         """Set what all queued jobs wait for."""
         with self._lock:
             self._db.execute("UPDATE jobs SET message = ? WHERE state = 'queued' AND message != ?", (message, message))

@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 
 NO_SPACE = "waits until there is space on the disk"
 """What a job waits for that found the disk full."""
-_FEWEST = 10
+_MIN_EXPERIMENTS = 10
 """Experiments by whose pace the remaining time is estimated: before them, a race compiles."""
 _MAX_DEATHS = 3
 """Deaths of a job's process without progress after which the job fails."""
@@ -64,7 +64,7 @@ class Running:
         done = len(self.status.record.experiments)
         if self.since is None:
             self.since = (clock, done) if done > self.begun else None
-        if self.since is None or done - self.since[1] < _FEWEST or clock == self.since[0]:
+        if self.since is None or done - self.since[1] < _MIN_EXPERIMENTS or clock == self.since[0]:
             return None
         return max(0, self.budget - done) * (clock - self.since[0]) / (done - self.since[1])
 

@@ -219,7 +219,7 @@ class Supervisor:
         with self._going_on("free space"):
             before, self._is_short = self._is_short, self._free() < self._settings.limits.free_disk * _MB
             if before != self._is_short:
-                self._index.tell_queued(self.shortage)
+                self._index.set_queued_message(self.shortage)
 
     def _look_at(self, run: Running) -> None:
         clock = self._clock()

@@ -19,7 +19,7 @@ from mercator_design.view.markup import escaped
 
 router = APIRouter(include_in_schema=False)
 
-_MOST = 60
+_MAX_SHOWN = 60
 """Designs and jobs on the page, of each kind, the newest first."""
 
 
@@ -29,8 +29,8 @@ def gallery(
 ) -> HTMLResponse:
     """Own and shared designs, and own and shared jobs that have succeeded."""
     whose = user.name if own else ""
-    saved = service.designs.find(user.name, owner=whose, text=text)[:_MOST]
-    rows, _ = service.index.find(user.name, states=("succeeded",), owner=whose, text=text, limit=_MOST)
+    saved = service.designs.find(user.name, owner=whose, text=text)[:_MAX_SHOWN]
+    rows, _ = service.index.find(user.name, states=("succeeded",), owner=whose, text=text, limit=_MAX_SHOWN)
     cards = [
         *((one.created, _of_design(one, user)) for one in saved),
         *((row.ended or row.submitted, _of_job(row)) for row in rows),

@@ -67,7 +67,7 @@ def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
     )  # fmt: skip
     body = (
         f'<div id="job" data-id="{escaped(row.id)}" data-api="{at}">{_now(service, user, row)}'
-        f'<p id="told" class="problem" role="status"></p>{_changes(user, row)}{replay}{_live(row, "race", _READING)}'
+        f'<p id="notice" class="problem" role="status"></p>{_changes(user, row)}{replay}{_live(row, "race", _READING)}'
         f"{_files(service, row)}{_live(row, 'about', '')}"
         f"{_messages(service, row) if may_change(user, row) else ''}</div>"
     )

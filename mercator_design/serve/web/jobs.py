@@ -70,8 +70,8 @@ _TheFilter = Annotated[_Filter, Depends()]
 @router.get("/")
 def jobs(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse:
     """All jobs that the user may see."""
-    told = Html('<p id="told" class="problem" role="status"></p>')
-    body = (_form(wanted, user), told, _list(service, user, wanted))
+    notice = Html('<p id="notice" class="problem" role="status"></p>')
+    body = (_form(wanted, user), notice, _list(service, user, wanted))
     return page("Jobs", *body, user=user, here="/", scripts=("live.js",), styles=("jobs.css",))
 
 

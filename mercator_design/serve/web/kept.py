@@ -21,8 +21,8 @@ from mercator_design.serve.jobs.races import length_of
 _PERIOD = 2.0
 """Seconds between two computations of a part."""
 _SHARE = 0.2  # of the time that a helper may spend on one part
-_LONGEST = 20.0  # seconds between two computations
-_MOST = 200  # parts that are kept
+_MAX_WAIT = 20.0  # seconds between two computations
+_MAX_KEPT = 200  # parts that are kept
 
 
 class _State(NamedTuple):
@@ -57,7 +57,7 @@ class Kept:
         self._desk, self._clock = desk, clock
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         self._lock = threading.Lock()
-        self._most, self._at_work = max(1, helpers // 2), Counter[str]()  # computations of a user at a time
+        self._max_of_user, self._at_work = max(1, helpers // 2), Counter[str]()  # computations of a user at a time
 
     def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
         """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
@@ -88,7 +88,7 @@ class Kept:
             except MercatorError as error:
                 entry.problem = error
             entry.state = state
-            entry.again = self._clock() + min(_LONGEST, max(_PERIOD, (self._clock() - begin) / _SHARE))
+            entry.again = self._clock() + min(_MAX_WAIT, max(_PERIOD, (self._clock() - begin) / _SHARE))
             if entry.problem is not None:
                 raise copy(entry.problem)
             return entry.part, True
@@ -100,7 +100,7 @@ class Kept:
     def _begin(self, entry: _Entry, user: str) -> bool:
         """Whether nobody computes a part, and a user may have one more computation, which begins then."""
         with self._lock:
-            if entry.is_at_work or self._at_work[user] >= self._most:
+            if entry.is_at_work or self._at_work[user] >= self._max_of_user:
                 return False
             entry.is_at_work = True
             self._at_work[user] += 1
@@ -110,7 +110,7 @@ class Kept:
         with self._lock:
             entry = self._entries.setdefault(key, _Entry())
             self._entries.move_to_end(key)
-            while len(self._entries) > _MOST:
+            while len(self._entries) > _MAX_KEPT:
                 self._entries.popitem(last=False)
             return entry
 

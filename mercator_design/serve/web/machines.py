@@ -25,7 +25,7 @@ router = APIRouter(include_in_schema=False)
 SCRIPTS = ("viewer.js", "results.js")
 STYLES = ("viewer.css", "fsm.css")
 _FIRST = "mission:aggregation"
-_MOST = 200
+_MAX_LISTED = 200
 """Jobs and designs that a list offers, the newest first."""
 
 
@@ -94,7 +94,7 @@ def compare(service: TheService, user: TheUser) -> HTMLResponse:
 <input id="pasted" spellcheck="false" placeholder="--nstates 1 --s0 …"></div>
 <div><button id="add">Add</button></div>
 </form>
-<ol id="chosen" class="chosen" data-most="{MAX_FSMS}"></ol>
+<ol id="chosen" class="chosen" data-max="{MAX_FSMS}"></ol>
 <form id="running" class="actions run">
 <div><label for="mission">Mission</label><select id="mission"><option value="">of the first design</option>
 {_missions(offered)}</select></div>
@@ -112,9 +112,9 @@ def compare(service: TheService, user: TheUser) -> HTMLResponse:
 
 def _instances(service: Service) -> Html:
     """The fields for the instances on which FSMs run."""
-    most = service.settings.limits.runs
+    runs = service.settings.limits.runs
     return Html(
-        f'<div><label for="runs">Instances</label><input id="runs" type="number" min="1" max="{most}" value="20"></div>'
+        f'<div><label for="runs">Instances</label><input id="runs" type="number" min="1" max="{runs}" value="20"></div>'
         '<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>'
     )
 
@@ -128,8 +128,8 @@ class _Offered(NamedTuple):
 
 def _offered(service: Service, user: User, job: str = "", design: str = "") -> _Offered:
     """The newest jobs and designs that a user may see; and a job and a design that the user has asked for."""
-    jobs, _ = service.index.find(user.viewer, limit=_MOST)
-    designs = service.designs.find(user.viewer)[:_MOST]
+    jobs, _ = service.index.find(user.viewer, limit=_MAX_LISTED)
+    designs = service.designs.find(user.viewer)[:_MAX_LISTED]
     with contextlib.suppress(Missing):
         if job and job not in {one.id for one in jobs}:
             jobs.append(visible_job(service, user, job))

@@ -140,7 +140,7 @@ def _settings(limit: int, request: Request) -> Html:
         f'<div class="fields">{"".join(fields)}</div>'
         '<p id="estimate" role="status">Estimating the time … On a new machine this takes a minute, because the '
         "simulator is compiled. You need not wait for it.</p>"
-        '<p id="told" class="problem" role="alert" tabindex="-1"></p>'
+        '<p id="notice" class="problem" role="alert" tabindex="-1"></p>'
         '<div class="actions"><button id="submit" class="main">Submit the job</button></div></section>'
     )
 

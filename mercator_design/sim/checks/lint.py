@@ -22,7 +22,7 @@ NEGLIGIBLE = 1e-6
 """Probability a cycle below which a transition counts as one that never fires: once in a day of a robot."""
 _MANY = 40
 """Number of neighbours up to which each is tried."""
-_MOST = 1000
+_MAX_NEIGHBOURS = 1000
 """Number of robots that a mission has at most."""
 _ANY_GROUND: tuple[RGB, ...] = (*(COLOURS[name] for name in LABELS), (64.0, 64.0, 64.0))
 """All that conditions distinguish; the last is between black and gray, where no condition holds."""
@@ -96,9 +96,9 @@ class _Linter:
         self.dead = {place for place, chances in self.chances.items() if max(chances) <= NEGLIGIBLE}
 
     def findings(self) -> Iterator[Finding]:
-        told: list[str] = []
-        out_of_domain(self.pfsm, told.append)
-        for one in told:
+        found: list[str] = []
+        out_of_domain(self.pfsm, found.append)
+        for one in found:
             place, _, words = one.partition(": ")
             yield Finding("out-of-domain", place, f"{words}; the original AutoMoDe would run it")
         linked, reached = self._reached(set()), self._reached(self.dead)
@@ -146,8 +146,8 @@ class _Linter:
         if edge.module.colours and self.model is not None and not self.model.sees_colours:
             return f"never fires: robot {self.model.name} sees only how bright the ground is"
         if "neighbours" in edge.module.reads:
-            most = max(int(each.neighbours) for each in self.situations)
-            found = f"{max(chances):.1g} a cycle with at most {most} neighbours"
+            neighbours = max(int(each.neighbours) for each in self.situations)
+            found = f"{max(chances):.1g} a cycle with at most {neighbours} neighbours"
             return f"never fires: its probability is {found}"
         if self.mission is not None and self.model is not None:
             return f"never fires: on {self.mission.name}, robots see {seen_colours(self.mission, self.model)}"
@@ -215,7 +215,7 @@ class _Linter:
 def _situations(mission: Mission | None, model: RobotModel | None) -> list[Readings]:
     """All situations of a robot that conditions distinguish."""
     levels = ground_levels(mission, model) if mission is not None and model is not None else None
-    numbers = [*range(_MANY + 1), _MOST]
+    numbers = [*range(_MANY + 1), _MAX_NEIGHBOURS]
     if mission is not None and model is not None and _counts_robots_alone(mission, model):
         numbers = [n for n in numbers if n < mission.robots]
     grounds = [

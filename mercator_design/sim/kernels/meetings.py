@@ -177,11 +177,11 @@ def _overlap_after(scene: Scene, swarm: Swarm, i: int, j: int, steps: int) -> fl
     if j < len(swarm.poses):
         overlap, _, _ = body_overlap(body, _body_after(scene, swarm, j, steps), scene.round)
         return overlap
-    most = -math.inf
+    deepest = -math.inf
     for k in range(len(scene.walls) + len(scene.boxes)):
         overlap, _, _ = obstacle_overlap(scene.walls, scene.boxes, k, body, scene.round)
-        most = max(most, overlap)
-    return most
+        deepest = max(deepest, overlap)
+    return deepest
 
 
 @jittable

@@ -15,7 +15,7 @@ _MARGIN = 6.0
 _ROOM = 44.0
 """Free space between boxes to begin with; it grows until everything has room."""
 _GROWTH = 1.15
-_MOST_GROWTH = 30
+_MAX_GROWTH = 30
 _SHARES = [0.14 + 0.03 * k for k in range(25)]
 """Places on an arrow, from 0 at its start to 1 at its head, at which its labels may be."""
 
@@ -99,7 +99,7 @@ def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow:
     sized = [replace(arrow, block=Rectangle(0.0, 0.0, *block)) for arrow, block in zip(arrows, blocks, strict=True)]
     corners = _corners(len(texts), sized)
     gap = _ROOM
-    for _ in range(_MOST_GROWTH):
+    for _ in range(_MAX_GROWTH):
         boxes = _column(sizes, gap) if narrow else _boxes(sizes, corners, gap)
         routed = [_routed(arrow, boxes, _away(arrow, boxes, sized, narrow=narrow)) for arrow in sized]
         placed, covered = _labelled(routed, boxes, beside_lines=False)

@@ -3,7 +3,7 @@
 (() => {
   const { api, at, make } = Mercator;
   const SIDE_BY_SIDE = 3;
-  const most = Number(at("chosen").dataset.most);
+  const maxChosen = Number(at("chosen").dataset.max);
   let chosen = []; // { kind: job | design | fsm, value }
 
   const called = ({ kind, value }) => {
@@ -17,7 +17,7 @@
       make("span", { dir: "auto" }, `${k + 1}. ${called(one)}`),
       make("button", { type: "button", "aria-label": `Remove ${called(one)}`, onclick: () => { chosen.splice(k, 1); show(); } }, "Remove"))));
     at("run").disabled = chosen.length < 2;
-    at("add").disabled = chosen.length >= most;
+    at("add").disabled = chosen.length >= maxChosen;
     const link = new URLSearchParams(chosen.map(({ kind, value }) => [kind, value]));
     if (at("mission").value) link.append("mission", at("mission").value);
     for (const id of ["runs", "seed"]) link.append(id, at(id).value);
@@ -65,7 +65,7 @@
   }
 
   const asked = new URLSearchParams(location.search);
-  chosen = [...asked].filter(([kind]) => ["job", "design", "fsm"].includes(kind)).slice(0, most).map(([kind, value]) => ({ kind, value }));
+  chosen = [...asked].filter(([kind]) => ["job", "design", "fsm"].includes(kind)).slice(0, maxChosen).map(([kind, value]) => ({ kind, value }));
   for (const id of ["mission", "runs", "seed"]) if (asked.get(id)) at(id).value = asked.get(id);
   at("adding").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -73,7 +73,7 @@
       const [kind, value] = Object.entries(Mercator.given(at("design").value))[0];
       chosen.push({ kind, value });
     }
-    if (at("pasted").value.trim() && chosen.length < most) chosen.push({ kind: "fsm", value: at("pasted").value.trim() });
+    if (at("pasted").value.trim() && chosen.length < maxChosen) chosen.push({ kind: "fsm", value: at("pasted").value.trim() });
     at("design").value = at("pasted").value = "";
     show();
   });

@@ -434,7 +434,7 @@
     }
   }
 
-  const tell = (error) => at("problem").replaceChildren(error.message);
+  const report = (error) => at("problem").replaceChildren(error.message);
 
   async function start(value) {
     at("problem").replaceChildren();
@@ -444,7 +444,7 @@
       else if (value === "rival" && at("rival").value) await load(at("rival").value);
       else if (value === "rival") throw new Error("Choose first what to compare with.");
     } catch (error) {
-      tell(error);
+      report(error);
     }
     at("start").value = "";
   }
@@ -533,9 +533,9 @@
       await load(source);
     } catch (error) {
       show();
-      tell(error);
+      report(error);
     }
   }
 
-  begin().catch(tell);
+  begin().catch(report);
 })();

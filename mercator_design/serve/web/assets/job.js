@@ -69,7 +69,7 @@
     form.budget.value = "";
     form.budget.min = job.budget + 1;
     form.budget.placeholder = job.budget;
-    Live.tell("Changed.", false);
+    Live.report("Changed.", false);
   });
 
   // ---- The replay of the best ----

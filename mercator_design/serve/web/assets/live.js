@@ -4,15 +4,15 @@
 const Live = (() => {
   const asked = new Map(); // by id: when, and whether an answer is awaited
   const { at } = Mercator;
-  const told = at("told");
+  const notice = at("notice");
   let leaving = new AbortController(); // aborted when what the page shows is deleted: then nothing is asked for
 
-  const tell = (text, isBad = true, isLost = false) => {
-    if (!told) return;
-    told.toggleAttribute("data-lost", isLost);
-    if (told.textContent === text) return;
-    told.className = isBad ? "problem" : "faint";
-    told.textContent = text;
+  const report = (text, isBad = true, isLost = false) => {
+    if (!notice) return;
+    notice.toggleAttribute("data-lost", isLost);
+    if (notice.textContent === text) return;
+    notice.className = isBad ? "problem" : "faint";
+    notice.textContent = text;
   };
 
   /** Ask for a part once more. */
@@ -31,7 +31,7 @@ const Live = (() => {
     let wait = null;
     try {
       const answer = await Mercator.request("GET", address + have, undefined, { "HX-Request": "true" }, signal);
-      if (told && told.hasAttribute("data-lost")) tell("");
+      if (notice && notice.hasAttribute("data-lost")) report("");
       if (answer.status !== 204) {
         const text = await answer.text();
         if (element.dataset.live === address)
@@ -40,9 +40,9 @@ const Live = (() => {
       if (answer.headers.has("X-Again")) wait = 2500;
     } catch (error) {
       if (error.status === 401) location.reload();
-      else if (error.status === 404) tell("This is gone, or no longer shown to you.");
-      else if (error.status) tell(error.message);
-      else if (!signal.aborted) tell("The service does not answer; this page tries again.", true, true);
+      else if (error.status === 404) report("This is gone, or no longer shown to you.");
+      else if (error.status) report(error.message);
+      else if (!signal.aborted) report("The service does not answer; this page tries again.", true, true);
     }
     state.isAwaited = false;
     if (wait === null && state.again) wait = 500;
@@ -71,9 +71,9 @@ const Live = (() => {
     }
     try {
       answer = (await Mercator.api(method, path, body)) ?? true;
-      tell("");
+      report("");
     } catch (error) {
-      tell(error.message);
+      report(error.message);
     }
     if (method === "DELETE" && answer !== null) return answer;
     if (leaving.signal.aborted) leaving = new AbortController();
@@ -104,7 +104,7 @@ const Live = (() => {
 
   return {
     refresh,
-    tell,
+    report,
     act,
     get isLeaving() {
       return leaving.signal.aborted;

@@ -154,7 +154,7 @@
     (review, problem) => {
       if (problem) {
         state = null;
-        tell("summary", problem.message, "bad");
+        write("summary", problem.message, "bad");
         return;
       }
       state = review;
@@ -165,14 +165,14 @@
       } else {
         at("picture").classList.add("old");
         at("caption").textContent = at("picture").hidden ? "No picture: the mission has mistakes." : "As it was before the mistakes.";
-        tell("estimate", "The time can be estimated when the mission has no mistakes.");
+        write("estimate", "The time can be estimated when the mission has no mistakes.");
       }
     });
   function check() {
-    tell("told", "");
+    write("notice", "");
     checking.ask({ ...given(), flavour: at("flavour").value });
   }
-  function tell(name, text, kind = "") {
+  function write(name, text, kind = "") {
     at(name).textContent = text;
     at(name).className = name === "summary" ? `summary ${kind}` : kind;
   }
@@ -186,8 +186,8 @@
     at("findings").replaceChildren(...found.map(item));
     const count = (n, what) => `${n} ${what}${n === 1 ? "" : "s"}`;
     const warnings = review.warnings.length ? `, ${count(review.warnings.length, "warning")}` : "";
-    if (review.errors.length) tell("summary", `${count(review.errors.length, "mistake")}${warnings}`, "bad");
-    else tell("summary", `No mistakes${warnings}`, "good");
+    if (review.errors.length) write("summary", `${count(review.errors.length, "mistake")}${warnings}`, "bad");
+    else write("summary", `No mistakes${warnings}`, "good");
     at("facts").replaceChildren(...(review.facts ? facts(review.facts) : []));
   }
   function item(one) {
@@ -253,8 +253,8 @@
   const estimating = latest(
     (body) => api("POST", "/missions/estimate", body),
     (found, problem) => {
-      if (problem) tell("estimate", problem.message, "problem");
-      else tell("estimate", sentence(found));
+      if (problem) write("estimate", problem.message, "problem");
+      else write("estimate", sentence(found));
     });
   const estimate = later(500, () => { if (state?.facts && !state.errors.length) estimating.ask(request()); });
   function time(seconds) {
@@ -295,21 +295,21 @@
     if (isSending) return;
     const wrong = fields.find((field) => !field.checkValidity());
     if (wrong) {
-      tell("told", `${wrong.labels[0].textContent}: ${wrong.validationMessage}`, "problem");
+      write("notice", `${wrong.labels[0].textContent}: ${wrong.validationMessage}`, "problem");
       wrong.focus();
       return;
     }
     isSending = true;
     at("submit").setAttribute("aria-disabled", "true");
-    tell("told", "Submitting …", "faint");
+    write("notice", "Submitting …", "faint");
     try {
       const body = request();
       const { job } = await api("POST", "/jobs", body, { "Idempotency-Key": keyOf(body) });
       try { localStorage.removeItem(place); } catch { /* nothing was kept */ }
       location.assign(`/jobs/${encodeURIComponent(job.id)}`);
     } catch (error) {
-      tell("told", error.message, "problem");
-      at("told").focus();
+      write("notice", error.message, "problem");
+      at("notice").focus();
       isSending = false;
       at("submit").removeAttribute("aria-disabled");
     }
@@ -320,7 +320,7 @@
     keyed = "";
     isSending = false;
     at("submit").removeAttribute("aria-disabled");
-    tell("told", "");
+    write("notice", "");
   });
 
   // Settings.
@@ -328,7 +328,7 @@
     const field = fields.find((one) => one.name === name);
     if (field) field.value = value;
   }
-  for (const field of fields) field.addEventListener("input", () => { keep(); tell("told", ""); if (field.name === "flavour") check(); else estimate(); });
+  for (const field of fields) field.addEventListener("input", () => { keep(); write("notice", ""); if (field.name === "flavour") check(); else estimate(); });
   for (const button of form.querySelectorAll("[data-budget]")) {
     button.addEventListener("click", () => { at("budget").value = button.dataset.budget; keep(); estimate(); });
   }

@@ -1,4 +1,4 @@
-"""Asks a method for its next batch in a thread, so that experiments that are upcoming can run meanwhile."""
+"""Asks a method for its next batch in a thread, so that the experiments that are upcoming can run meanwhile."""
 
 from collections.abc import Container
 from concurrent.futures import ThreadPoolExecutor
@@ -7,7 +7,7 @@ from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.racing.race import Experiment
 
 
-class Asking:
+class NextBatch:
     """The next batch of a method that is proposing configurations.
 
     Args:

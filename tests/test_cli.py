@@ -330,7 +330,7 @@ class TestEvaluate:
         line = file.read_text().splitlines().index("floor:") + 1
         assert [line for line in err.splitlines() if not line.startswith("Compiling")] == [
             "Warning: state 0, transition 0: floor colour never fires: robot epuck sees only how bright the ground is",
-            f"Warning: {file}:{line}: floor: no condition of robot epuck tells gray, green, red apart",
+            f"Warning: {file}:{line}: floor: no condition of robot epuck distinguishes gray, green, red",
         ]
 
     def test_lenient(self, mdesign, tmp_path):
@@ -412,7 +412,7 @@ class TestValidate:
         assert [line.partition(", as")[0] for line in err.splitlines()] == [
             far,
             far,
-            f"Warning: {mission}:{line}: floor: no condition of robot far tells gray, green, red apart",
+            f"Warning: {mission}:{line}: floor: no condition of robot far distinguishes gray, green, red",
         ]
 
     def test_all_mistakes_are_told_each_in_its_line(self, mdesign, tmp_path):

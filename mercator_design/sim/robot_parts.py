@@ -173,7 +173,7 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbours:
-    """How robots perceive each other: by a camera or radio, which tells where each robot is."""
+    """How robots perceive each other: by a camera or radio, which measures where each robot is."""
 
     device: Literal["camera"] = "camera"
     range: Distance | None = None  # [m] that the device reaches; null: as far as robots count

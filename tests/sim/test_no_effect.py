@@ -37,7 +37,7 @@ def painted(*colours, background="gray", dynamics="[]"):
 def apart(model, *colours, **floor):
     """The colours that are named as one."""
     found = floor_warnings(painted(*colours, **floor), model)
-    return [text.partition(" tells ")[2].removesuffix(" apart") for text in found]
+    return [text.partition(" distinguishes ")[2] for text in found]
 
 
 @pytest.mark.parametrize("name", shipped.missions())
@@ -83,7 +83,7 @@ class TestColours:
 
     def test_flavours_have_their_own_conditions(self):
         text = list(no_effect_warnings(painted("red", "green"), MERCATOR, "chocolate"))
-        assert text == ["mission:8: floor: no condition of robot mercator tells gray, green apart"]
+        assert text == ["mission:8: floor: no condition of robot mercator distinguishes gray, green"]
         assert list(no_effect_warnings(painted("red", "green"), MERCATOR, "watermelon")) == []
 
     def test_a_robot_without_ground_sensors_is_not_asked(self):
@@ -117,7 +117,7 @@ class TestLabels:
         found = floor_warnings(painted("black", "[250, 0, 0]", "red"), with_ground(labels=("black", "gray")))
         assert [text.rpartition(": ")[2] for text in found] == [
             "red counts as gray",
-            "no condition of robot mercator tells [250, 0, 0], red apart",
+            "no condition of robot mercator distinguishes [250, 0, 0], red",
         ]
 
     @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ class TestLevelsBetweenLabels:
     def test_colours_that_noise_does_not_reach(self):
         assert self.told("gray") == []
         assert self.told("[80, 80, 80]", "gray") == [
-            "mission:8: floor: no condition of robot mercator tells [80, 80, 80], gray apart"
+            "mission:8: floor: no condition of robot mercator distinguishes [80, 80, 80], gray"
         ]
 
     def test_a_robot_without_noise(self):

@@ -143,7 +143,7 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
         alike.setdefault(holds, []).append(written)
     for colours in alike.values():
         if len(colours) > 1:
-            yield f"{place}: no condition of robot {model.name} tells {', '.join(colours)} apart"
+            yield f"{place}: no condition of robot {model.name} distinguishes {', '.join(colours)}"
     yield from _image_warnings(mission, model, labels)
 
 

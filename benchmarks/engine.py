@@ -11,8 +11,8 @@ Then lidars of 719 beams that every robot turns in every cycle, 20 robots that a
 then, 3 and 200 robots in as much room for each as in the crowd, two threads, and memory over many short experiments.
 
 Protocol: 120 s, 10 steps a cycle, 8 rays, a 4-state PFSM; CPU time of this process, building the space included; seeds
-in turn, the ways interleaved. Times are means over the seeds, with the least and the most; ratios are of these means,
-with the least and the most of one seed's. Threads are compared by wall time, beside threads whose work shares nothing,
+in turn, the ways interleaved. Times are means over the seeds, with the minimum and the maximum; ratios are of these means,
+with the minimum and the maximum of one seed's. Threads are compared by wall time, beside threads whose work shares nothing,
 which show whether the cores are idle, and beside threads of plain Python, which share its lock.
 
 Run: python benchmarks/engine.py [--rounds N] [--memory N]
@@ -141,7 +141,7 @@ def scaled(robots: int) -> list[str]:
 
 
 def measure(ways: dict[str, Way], rounds: int) -> dict[str, list[float]]:
-    """CPU seconds of each way for seeds 1, 2, ... in turn, the ways interleaved; the least of two calls."""
+    """CPU seconds of each way for seeds 1, 2, ... in turn, the ways interleaved; the minimum of two calls."""
     for run in ways.values():
         run(0)  # compiles
     times: dict[str, list[float]] = {name: [] for name in ways}
@@ -200,11 +200,11 @@ def growth(run: Way, experiments: int) -> float:
 
 
 class Spread(NamedTuple):
-    """A mean, or ratio of means, over the seeds; the least and the most of one seed."""
+    """A mean, or ratio of means, over the seeds; the minimum and the maximum of one seed."""
 
     mean: float
-    least: float
-    most: float
+    minimum: float
+    maximum: float
 
 
 def spread(values: list[float], scale: float = 1.0) -> Spread:
@@ -268,10 +268,10 @@ def main() -> None:
     threads = [[in_two_threads(run) for run in (ways["crowd"], spin, lock)] for _ in range(given.rounds)]
     both, idle, locked = (list(found) for found in zip(*threads, strict=True))
 
-    print(f"120 s, {given.rounds} seeds: CPU ms an experiment\n\n{'way':<32} {'mean':>7} {'least':>7} {'most':>7}")
+    print(f"120 s, {given.rounds} seeds: CPU ms an experiment\n\n{'way':<32} {'mean':>7} {'min':>7} {'max':>7}")
     for name, found in times.items():
-        mean, least, most = spread(found, 1e3)
-        print(f"{name:<32} {mean:>7.1f} {least:>7.1f} {most:>7.1f}")
+        mean, low, high = spread(found, 1e3)
+        print(f"{name:<32} {mean:>7.1f} {low:>7.1f} {high:>7.1f}")
 
     verdicts: list[tuple[str, Spread, str, float]] = []
     for name in simulators:
@@ -290,10 +290,10 @@ def main() -> None:
         ("two threads / one, an experiment", spread(both), "at most", 1.15),
         (f"memory, {given.memory} experiments [MiB]", spread([grown]), "at most", 2.0),
     ]
-    print(f"\n{'what':<42} {'measured':>8} {'least':>7} {'most':>7}   target")
-    for what, (mean, least, most), sense, target in verdicts:
+    print(f"\n{'what':<42} {'measured':>8} {'min':>7} {'max':>7}   target")
+    for what, (mean, low, high), sense, target in verdicts:
         met = mean >= target if sense == "at least" else mean <= target
-        print(f"{what:<42} {mean:>8.2f} {least:>7.2f} {most:>7.2f}   {sense} {target:g}: {'met' if met else 'MISSED'}")
+        print(f"{what:<42} {mean:>8.2f} {low:>7.2f} {high:>7.2f}   {sense} {target:g}: {'met' if met else 'MISSED'}")
     shared_nothing, shared_lock = statistics.mean(idle), statistics.mean(locked)
     print(f"two threads of work that shares nothing: {shared_nothing:.2f}; of plain Python: {shared_lock:.2f}", end="")
     print("" if shared_nothing <= 1.15 else "; the cores are not idle, so that of experiments says nothing")

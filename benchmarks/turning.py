@@ -81,7 +81,7 @@ def _find(sweep: Sweep, known: float, true: float) -> Perceived:
 
 def main() -> None:
     print(
-        "| turns, rad/s | told | all robots found | largest error of a bearing: median | most |\n|---|---|---|---|---|"
+        "| turns, rad/s | corrected | all robots found | largest error of a bearing: median | maximum |\n|---|---|---|---|---|"
     )
     for is_told in (False, True):
         for speed in SPEEDS:

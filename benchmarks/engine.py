@@ -11,9 +11,9 @@ Then lidars of 719 beams that every robot turns in every cycle, 20 robots that a
 then, 3 and 200 robots in as much room for each as in the crowd, two threads, and memory over many short experiments.
 
 Protocol: 120 s, 10 steps a cycle, 8 rays, a 4-state PFSM; CPU time of this process, building the space included; seeds
-in turn, the ways interleaved. Times are means over the seeds, with the minimum and the maximum; ratios are of these means,
-with the minimum and the maximum of one seed's. Threads are compared by wall time, beside threads whose work shares nothing,
-which show whether the cores are idle, and beside threads of plain Python, which share its lock.
+in turn, the ways interleaved. Times are means over the seeds, with the minimum and the maximum; ratios are of these
+means, with the minimum and the maximum of one seed's. Threads are compared by wall time, beside threads whose work
+shares nothing, which show whether the cores are idle, and beside threads of plain Python, which share its lock.
 
 Run: python benchmarks/engine.py [--rounds N] [--memory N]
 """

@@ -37,7 +37,7 @@ class Perceived(NamedTuple):
     error: float
 
 
-def perceived(speed: float, seconds: float, *, is_told: bool) -> Iterator[Perceived]:
+def perceived(speed: float, seconds: float, *, is_corrected: bool) -> Iterator[Perceived]:
     """What a robot that turns at a speed [rad/s] perceives, cycle by cycle, once its lidar has gone round twice."""
     sweep, latest = Sweep(), dict[str, Sample]()
     streamed, cycle, sample = 0.0, 3 * _CYCLE, 0
@@ -55,10 +55,10 @@ def perceived(speed: float, seconds: float, *, is_told: bool) -> Iterator[Percei
             _range(speed * (began + k / SAMPLE_RATE) - math.tau * angle / _TURN) for k, angle in enumerate(angles)
         ]
         packet = Packet(angles[0], angles[-1], tuple(round(4000 * r) for r in ranges), is_ring_start=first == 0)
-        sweep.add(packet, *((heading(latest, began), heading(latest, ended)) if is_told else ()))
+        sweep.add(packet, *((heading(latest, began), heading(latest, ended)) if is_corrected else ()))
         if ended >= cycle:
             cycle += _CYCLE
-            yield _find(sweep, heading(latest, ended) if is_told else 0.0, speed * ended)
+            yield _find(sweep, heading(latest, ended) if is_corrected else 0.0, speed * ended)
 
 
 def _range(towards: float) -> float:
@@ -81,14 +81,15 @@ def _find(sweep: Sweep, known: float, true: float) -> Perceived:
 
 def main() -> None:
     print(
-        "| turns, rad/s | corrected | all robots found | largest error of a bearing: median | maximum |\n|---|---|---|---|---|"
+        "| turns, rad/s | corrected | all robots found | largest error of a bearing: median | maximum |\n"
+        "|---|---|---|---|---|"
     )
-    for is_told in (False, True):
+    for is_corrected in (False, True):
         for speed in SPEEDS:
-            cycles = [*perceived(speed, 60.0, is_told=is_told)]
+            cycles = [*perceived(speed, 60.0, is_corrected=is_corrected)]
             right = sum(found.robots == len(ROBOTS) for found in cycles) / len(cycles)
             errors = sorted(math.degrees(found.error) for found in cycles)
-            row = [f"{speed:g}", "yes" if is_told else "no", f"{100.0 * right:.1f} %"]
+            row = [f"{speed:g}", "yes" if is_corrected else "no", f"{100.0 * right:.1f} %"]
             print(f"| {' | '.join(row)} | {errors[len(errors) // 2]:.1f}° | {errors[-1]:.1f}° |")
 
 

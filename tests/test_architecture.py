@@ -34,6 +34,20 @@ def test_packages_and_modules_are_small():
     assert max(lines.values()) <= 400, sorted(lines, key=lines.get)[-3:]
 
 
+def test_limits_are_max_and_min_and_tell_only_takes_costs():
+    """Names of functions, classes and constants follow the rules of CONTRIBUTING.md."""
+    defined = re.compile(r"^\s*(?:def|class) (\w+)|^(\w+(?:, \w+)*)(?:: [^=\n]+)? = ", re.MULTILINE)
+    word = re.compile(r"(?i)(?:^|_)(?:most|least|fewest|longest|widest|tell|told)(?:_|$)")
+    names = {
+        name
+        for module in (ROOT / "mercator_design").rglob("*.py")
+        for found in defined.findall(module.read_text())
+        for name in "".join(found).split(", ")
+        if word.search(name)
+    }
+    assert names == {"tell", "_most_informative", "stop_when_told", "robots_where_told"}  # missions have the last two
+
+
 def blocks(language):
     pattern = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
     return [

@@ -201,6 +201,6 @@ def test_a_robot_that_turns_loses_nothing(speed):
 @pytest.mark.parametrize("speed", [0.0, 1.0, -2.0, 4.0, -4.0])
 def test_the_others_stay_where_they_are_while_the_robot_turns(speed):
     """Each is found once, where it is now; its bearing may be wrong by what the RVR tells late."""
-    for found in perceived(speed, 5.0, is_told=True):
+    for found in perceived(speed, 5.0, is_corrected=True):
         assert found.robots == len(ROBOTS)
         assert found.error < 0.02 + 0.005 * abs(speed)

@@ -49,7 +49,7 @@ def server(folder, running):
         thread = threading.Thread(target=follower.serve)
         thread.start()
         yield follower
-        follower._is_told = True
+        follower._is_sent = True
         thread.join()
 
 

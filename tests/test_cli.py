@@ -319,7 +319,7 @@ class TestEvaluate:
         assert "phototaxis needs light" in err
 
     @pytest.mark.parametrize("command", [["evaluate", "-n", "1"], ["record", "-o", "trace.csv"]])
-    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path, monkeypatch, command):
+    def test_what_makes_no_difference_is_reported(self, mdesign, tmp_path, monkeypatch, command):
         monkeypatch.chdir(tmp_path)
         (tmp_path / "fsm.txt").write_text(W1.replace("--c0x0 0 --p0x0 0.5", "--c0x0 6 --p0x0 0.5 --l0x0 2"))
         name, *options = command
@@ -393,13 +393,13 @@ class TestValidate:
             ("schema: 1\nrobots: [{name: r1, host: r1}]\n", "robots.yaml: mdesign deploy --robots"),
         ],
     )
-    def test_what_is_of_the_robots_is_told(self, mdesign, tmp_path, text, words):
+    def test_what_is_of_the_robots_is_reported(self, mdesign, tmp_path, text, words):
         file = tmp_path / "mine.yaml"
         file.write_text(text)
         code, _, err = mdesign("validate", file)
         assert (code, f"{words} {file}" in err) == (3, True), err
 
-    def test_what_makes_no_difference_is_told(self, mdesign, tmp_path):
+    def test_what_makes_no_difference_is_reported(self, mdesign, tmp_path):
         robot, mission = tmp_path / "far.yaml", tmp_path / "colours.yaml"
         robot.write_text("schema: 1\nbase: epuck\nneighbours: {range: 2}\n")
         text = shipped.missions()["color_aggregation"].read_text()
@@ -456,7 +456,7 @@ class TestWhatCannotBe:
         code, _, err = mdesign("race", tmp_path / "blocked.yaml", "--budget", 60, "-o", tmp_path / "results")
         assert (code, self.WHY in err, (tmp_path / "results").exists()) == (3, True, False)
 
-    def test_elsewhere_it_is_told(self, mdesign, tmp_path, fsm):
+    def test_elsewhere_it_is_reported(self, mdesign, tmp_path, fsm):
         options = [word for each in [*BLOCKED, "duration=1"] for word in ("--set", each)]
         code, _, err = mdesign("evaluate", fsm, "-n", 2, *options)
         assert (code, self.WHY in err) == (0, True)

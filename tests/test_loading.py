@@ -322,7 +322,7 @@ heavy: yes
     @pytest.mark.parametrize(
         "text", ["note: *a", "values: {a: *a}", "color: [1, 2, *a]", "zones: [*a]", "*a", "law: {name: *a}", "law: *a"]
     )
-    def test_what_could_not_be_read_is_told_once(self, text):
+    def test_what_could_not_be_read_is_reported_once(self, text):
         assert complaint(text) == "a.yaml:1: anchors and aliases (&, *) are not understood; write the value out"
 
     def test_overrides_too(self):
@@ -539,7 +539,7 @@ class TestOverrides:
             ("note=" + "[" * 10_000, "nested more than 32 levels deep"),
         ],
     )
-    def test_a_mistake_is_told_by_the_words_of_the_command_line(self, assignment, message):
+    def test_a_mistake_is_reported_by_the_words_of_the_command_line(self, assignment, message):
         assert message in complaint(self.TEXT, assignment)
 
     def test_into_what_is_no_mapping(self):

@@ -153,7 +153,7 @@ def test_a_log_that_breaks_off_is_read(kinds, tmp_path, reader):
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_a_last_line_that_was_changed_is_told(kinds, tmp_path, reader):
+def test_a_last_line_that_was_changed_is_reported(kinds, tmp_path, reader):
     """It is whole, so nobody is still writing it."""
     kind, run = READERS[reader]
     *lines, last = map(line, kinds[kind])

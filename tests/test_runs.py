@@ -276,7 +276,7 @@ class TestResume:
         assert str(folder) in err
         assert mdesign("race", "--resume", folder / "nowhere")[0] == 1
 
-    def test_a_torn_journal_is_told(self, mdesign, folder, undisturbed):
+    def test_a_torn_journal_is_reported(self, mdesign, folder, undisturbed):
         with (folder / JOURNAL).open("ab") as file:
             file.write(b'{"event":"exper')
         code, _, err = mdesign("race", "--resume", folder)
@@ -463,7 +463,7 @@ class TestProgress:
         monkeypatch.setenv("FORCE_COLOR", "1")
         assert "\x1b" not in mdesign("runs", "ablation", folder, "--from", 99999)[2]
 
-    def test_what_is_told_has_a_line_of_its_own(self, shown):
+    def test_what_is_reported_has_a_line_of_its_own(self, shown):
         assert "Note: of something" in shown(80, 8, 9, "Note: of something")
 
 

@@ -59,7 +59,7 @@ class TestRobotModel:
         assert mdesign(name, raced / "fsm.txt", *options, "--robot-model", raced / "robot_model.yaml")[::2] == (0, "")
         assert mdesign(name, raced / "fsm.txt", *options, "--set", "robot_model=mercator")[::2] == (0, "")
 
-    def test_that_of_a_mission_that_is_given_is_told(self, mdesign, raced, tmp_path):
+    def test_that_of_a_mission_that_is_given_is_reported(self, mdesign, raced, tmp_path):
         given = ("--mission", raced / "mission.yaml", "-n", 2)
         assert mdesign("evaluate", raced / "fsm.txt", *given)[::2] == (0, "")
         slower(raced)
@@ -115,7 +115,7 @@ class TestMission:
         assert f"{file} has changed since this was designed; to use it, give --mission" in err
         assert mdesign("evaluate", raced / "fsm.txt", "-n", 2, "--mission", file)[0] == 0
 
-    def test_one_that_was_edited_and_is_not_needed_is_told(self, mdesign, tmp_path):
+    def test_one_that_was_edited_and_is_not_needed_is_reported(self, mdesign, tmp_path):
         """A shipped mission is there without the copy in the folder."""
         assert mdesign("race", "aggregation", *QUICK, "--budget", 60, "--seed", SEED, "-o", tmp_path / "r")[0] == 0
         file, evaluate = tmp_path / "r" / "mission.yaml", ("evaluate", tmp_path / "r" / "fsm.txt", "-n", 2)
@@ -127,7 +127,7 @@ class TestMission:
         assert err.startswith(f"Warning: {file} has changed since this was designed; ")
         assert err.endswith("; aggregation is used\n")
 
-    def test_one_that_is_given_and_goes_by_its_name_is_told(self, mdesign, raced, tmp_path):
+    def test_one_that_is_given_and_goes_by_its_name_is_reported(self, mdesign, raced, tmp_path):
         given = ("evaluate", raced / "fsm.txt", "--mission", tmp_path / "mine.yaml", "-n", 2)
         assert mdesign(*given)[::2] == (0, "")
         assert mdesign(*given, "--set", "floor.zones[0].radius=0.4")[::2] == (0, "")

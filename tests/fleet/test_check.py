@@ -115,7 +115,7 @@ def test_findings_as_lines_of_json(robots, field):
 
 
 @pytest.mark.parametrize("ends", ["exit 137", "kill -9 $$", "exit 255"])
-def test_a_check_that_breaks_off_is_told(deploy, field, ends):
+def test_a_check_that_breaks_off_is_reported(deploy, field, ends):
     """What was not looked at is not fine, though all that was is."""
     finding = '{"say": "finding", "what": "clock", "is_fine": true, "words": "12:00"}'
     python = field / "bin/python3"

@@ -94,7 +94,7 @@ def they_begin(deploy, robots, field):
     assert abs(begins[0] - begins[1]) < 1.0, "too busy?"
 
 
-def test_if_one_is_not_ready_none_moves_and_it_is_told_which_and_why(deploy, robots, field):
+def test_if_one_is_not_ready_none_moves_and_the_reason_is_reported(deploy, robots, field):
     (field / "r2/mercator/robot.yaml").write_text("ports: {rvr: /dev/no_such_port}\n")
     code, out, err = deploy("fsm.txt", "--start")
     assert (code, err.startswith("Error: no robot runs: r2: Error: rvr: /dev/no_such_port: no such port")) == (1, True)

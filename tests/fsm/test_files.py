@@ -216,7 +216,7 @@ def test_lenient_files_may_leave_domains(tmp_path):
 
 
 class TestFlavour:
-    def test_a_text_of_another_flavour_is_told_so(self, tmp_path):
+    def test_a_text_of_another_flavour_is_reported(self, tmp_path):
         path = tmp_path / "fsm.txt"
         path.write_text(PUBLISHED["chocolate"]["C4"])
         with pytest.raises(FsmError, match="found 4; it fits the flavour chocolate: give that flavour"):
@@ -229,7 +229,7 @@ class TestFlavour:
             parse("--nstates 1 --s0 7")
         assert "fits" not in str(error.value)
 
-    def test_a_yaml_of_another_flavour_is_told_so(self, tmp_path):
+    def test_a_yaml_of_another_flavour_is_reported(self, tmp_path):
         path = tmp_path / "fsm.yaml"
         path.write_text("schema: 1\nstates: [{name: a, behaviour: phototaxis}]\n")
         with pytest.raises(FsmError, match="it fits the flavour chocolate: give that flavour"):

@@ -477,7 +477,7 @@ objective:
         assert mission.where("placement.poses[1]") == "mission:11: placement.poses[1]"
         assert mission.where("placement.radius") == "mission:7: placement.radius"
 
-    def test_all_that_is_wrong_with_one_part_is_told(self):
+    def test_all_that_is_wrong_with_one_part_is_reported(self):
         text = self.TEXT + (
             "floor:\n  zones: [{name: a, shape: disc, center: [0, 0], radius: 1, color: red}]\n"
             "  dynamics:\n"
@@ -492,7 +492,7 @@ objective:
             "floor.dynamics[1].zones[0]",
         ]
 
-    def test_all_that_does_not_fit_together_is_told_at_once(self):
+    def test_all_that_does_not_fit_together_is_reported_at_once(self):
         text = self.TEXT.replace("duration: 1", "duration: 1.05").replace("[0.5, 0.5, 0]", "[5, 5, 0]")
         text = text.replace("{name: pair_distance", "{name: robots_in_zone, zones: [a, b]")
         text += "lights: [{position: [0, 0, 1], seen_by: [0, 7]}]\n"

@@ -34,7 +34,7 @@ class Conformance:
             k: 2 * k for k in range(20) if k not in failed
         }
 
-    def test_what_fails_is_told_and_hurts_nothing_else(self, executor):
+    def test_what_fails_is_reported_and_hurts_nothing_else(self, executor):
         results = dict(executor.run(fails, range(8)))
         failed = {k: result for k, result in results.items() if isinstance(result, Failed)}
         assert {k: failure.reason.partition(":")[0] for k, failure in failed.items()} == {

@@ -349,7 +349,7 @@ def test_no_budget_is_exceeded(d, kind):
 
 
 @pytest.mark.parametrize(("budget", "iterations"), [(60, 1), (100, 1), (1000, 7), (1350, 9)])
-def test_a_budget_that_is_too_small_for_all_iterations_is_told(budget, iterations):
+def test_a_budget_that_is_too_small_for_all_iterations_is_reported(budget, iterations):
     """irace refuses fewer than 1350 experiments for 149 parameters."""
     race = IteratedRace(machines(), budget=budget, seed=1)
     assert race.progress.iterations == iterations

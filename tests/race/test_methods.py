@@ -412,7 +412,7 @@ def test_cma_es_needs_numbers():
 
 
 @pytest.mark.parametrize("name", ["tpe", "cma-es"])
-def test_a_budget_of_which_nothing_is_learnt_is_told(name):
+def test_a_budget_of_which_nothing_is_learnt_is_reported(name):
     space = Space([real("x", 0, 1), real("y", 0, 1)])
     [note] = METHODS[name](space, budget=200, seed=1).notes
     assert "a budget of 200 is little more than random search" in note

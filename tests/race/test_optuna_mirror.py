@@ -119,7 +119,7 @@ def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
     check(url, record)
 
 
-def test_a_storage_that_fails_at_once_is_told_and_stops_nothing(tmp_path):
+def test_a_storage_that_fails_at_once_is_reported_and_stops_nothing(tmp_path):
     record, complaints = mirrored(f"sqlite:///{tmp_path}/nowhere/race.db")
     assert len(complaints) == 1
     assert "the race is no longer copied to the Optuna storage" in complaints[0]

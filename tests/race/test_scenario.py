@@ -102,7 +102,7 @@ def test_a_launcher_is_found_as_a_shell_finds_it(scenario, folder, monkeypatch):
         scenario('targetRunnerLauncher = "nobody-has-this"')
 
 
-def test_what_irace_refuses_of_parameters_is_told(scenario, folder):
+def test_what_irace_refuses_of_parameters_is_reported(scenario, folder):
     (folder / "parameters.txt").write_text('x "--x " r(0, 1)\n')
     assert scenario("").notes == (f"{folder / 'parameters.txt'}:1, column 11: irace expects a blank after the type",)
 

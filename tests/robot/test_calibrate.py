@@ -128,7 +128,7 @@ class TestColor:
 
     @pytest.mark.timing
     @made_in_time
-    def test_a_robot_that_knows_one_colour_only_is_told(self, live, tmp_path):
+    def test_a_robot_that_knows_one_colour_only_is_reported(self, live, tmp_path):
         live.measured["ground_sensors"] = FLOOR["gray"]
         with calibrate(tmp_path, live, "color", "gray", "--seconds", "0.6") as process:
             said = answer(process, live, lambda _: None)

@@ -34,7 +34,7 @@ def test_a_line_that_is_well_says_nothing():
     assert (line.share, line.is_broken) == (1.0, False)
 
 
-def test_damage_is_told_when_it_begins_to_matter_and_when_it_is_over():
+def test_damage_is_reported_when_it_begins_to_matter_and_when_it_is_over():
     line = LineHealth(0.8)
     said, since = look(line, (0.0, 0.0, 0.0), 5.0, 0.15)
     assert (said, line.is_broken) == ([True], False)
@@ -48,7 +48,7 @@ def test_damage_is_told_when_it_begins_to_matter_and_when_it_is_over():
     assert look(line, since, 2.0, 0.0)[0] == [False]
 
 
-def test_the_same_trouble_is_told_once_though_the_counts_begin_anew():
+def test_the_same_trouble_is_reported_once_though_the_counts_begin_anew():
     """As when a program was held up: what is told is the same trouble until the line was well for a while."""
     line = LineHealth(0.8)
     said, (now, _, _) = look(line, (0.0, 0.0, 0.0), 3.0, 0.15)
@@ -166,7 +166,7 @@ class TestRvr:
     def rvr(self):
         return RvrHealth(Limits(battery_low=20.0, battery_critical=5.0, stall=2.0))
 
-    def test_a_battery_that_gets_low_is_told_once(self, rvr):
+    def test_a_battery_that_gets_low_is_reported_once(self, rvr):
         levels = [87, 21, 20, 19, 18, 21, 19, 22, 19]
         told = [[*rvr.take("get_battery_percentage", {"percentage": level})] for level in levels]
         low = ["rvr: the battery is low (19 %); charge it soon"]
@@ -198,7 +198,7 @@ class TestRvr:
         with pytest.raises(RobotStopped, match=words):
             [*rvr.take(name, values)]
 
-    def test_a_hot_motor_is_told_when_that_changes(self, rvr):
+    def test_a_hot_motor_is_reported_when_that_changes(self, rvr):
         told = [
             [*rvr.take("motor_thermal_protection_status", heat(*each))]
             for each in [(30, 30, 0, 0), (62, 30, 1, 0), (63, 61, 1, 1), (50, 61, 0, 1)]

@@ -259,7 +259,7 @@ class TestServices:
             "Error: nobody.here: no such user; give the robot's user with --user\n",
         )
 
-    def test_root_is_told(self, install, root, monkeypatch):
+    def test_root_is_warned(self, install, root, monkeypatch):
         monkeypatch.delenv("SUDO_USER", raising=False)
         monkeypatch.setattr(getpass, "getuser", lambda: "root")
         assert install()[2] == "Warning: the services will run as root; give another user with --user\n"

@@ -360,7 +360,7 @@ def joint(monkeypatch):
         os.close(end)
 
 
-def test_the_wheels_stop_before_the_leader_is_told(joint, monkeypatch):
+def test_the_wheels_stop_before_the_leader_is_informed(joint, monkeypatch):
     joint, _, _ = joint
     control, told = Control(), []
     monkeypatch.setattr(joint._channel, "write", lambda line: told.append((control.robot.brake.why, line)) or True)

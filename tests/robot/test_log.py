@@ -126,7 +126,7 @@ def test_replay_shows_every_decision(log, robot_command):
     assert "-> 0 (fixed probability)" in out
 
 
-def test_a_log_without_an_end_is_told_of(log, robot_command):
+def test_a_log_without_an_end_is_reported(log, robot_command):
     log.write_bytes(b"".join(lines(log)[:-1]))
     code, out, err = robot_command("replay", log)
     assert (code, len(out.splitlines())) == (0, CYCLES)

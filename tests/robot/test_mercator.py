@@ -307,7 +307,7 @@ class TestStart:
         assert not devices.drives()
         assert [name for _, name, _ in devices.commands].count("drive_stop") >= 2
 
-    def test_another_baud_rate_is_told(self, devices):
+    def test_another_baud_rate_is_reported(self, devices):
         devices.wrong_baud = {"rvr"}
         words = r"\d+ bytes from it make no sense: another device, or another baud rate"
         with pytest.raises(RobotError, match=words), robot_on(devices):

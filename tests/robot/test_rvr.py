@@ -234,7 +234,7 @@ class TestAnswers:
         (refusal,) = frame_decoder().receive(device.answer(asks, error))
         assert (refusal.seq, refusal.error, refusal.data) == (7, error, b"")
 
-    def test_what_nobody_understands_is_told(self):
+    def test_what_nobody_understands_is_reported(self):
         for error, frame in {
             Error.BAD_COMMAND: Frame(did=0x13, cid=0x77, seq=0xFF, source=1),
             Error.BAD_DATA_LENGTH: Frame(did=0x13, cid=0x1C, seq=0xFF, source=1),

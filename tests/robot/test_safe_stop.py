@@ -160,7 +160,7 @@ def test_a_port_that_another_program_has(stop, devices):
         other.stdin.close()
 
 
-def test_a_robot_that_does_not_answer_is_told_nevertheless(stop, devices, monkeypatch):
+def test_a_robot_that_does_not_answer_is_reported_nevertheless(stop, devices, monkeypatch):
     monkeypatch.setattr(link, "_TRIES", 2)
     monkeypatch.setattr(link, "_ANSWER", 0.3)
     monkeypatch.setattr(start, "_WAKING", 0.2)

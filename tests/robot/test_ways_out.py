@@ -187,7 +187,7 @@ def test_controllers_that_fail(what, robot, monkeypatch):
     assert robot.late() <= 2.0 * robot.devices.period
 
 
-def test_a_robot_that_does_not_obey_in_the_end_is_told(robot):
+def test_a_robot_that_does_not_obey_in_the_end_is_reported(robot):
     """The duration is over, and the RVR has stopped, if it has, because it hears nothing."""
     robot.act(is_deaf)
     robot.run(GO, "--duration", "1")
@@ -197,7 +197,7 @@ def test_a_robot_that_does_not_obey_in_the_end_is_told(robot):
     assert end["why"] == "The duration is over"
 
 
-def test_whatever_ended_the_run_a_robot_that_does_not_obey_is_told(robot):
+def test_whatever_ended_the_run_a_robot_that_does_not_obey_is_reported(robot):
     robot.act(is_deaf)
     robot.act(lambda _: os.kill(os.getpid(), signal.SIGTERM))
     robot.run()

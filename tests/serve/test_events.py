@@ -129,7 +129,7 @@ def test_each_event_once_over_reconnections_while_it_runs(quiet, at_once):
     assert asyncio.run(run()) == journal_of(quiet, job)
 
 
-def test_a_line_that_is_being_written_is_told_when_it_is_whole(quiet, at_once):
+def test_a_line_that_is_being_written_is_reported_when_it_is_whole(quiet, at_once):
     job = quiet.submit()
     quiet.race(job, lines=3)
     journal = quiet.folder(job) / "journal.jsonl"
@@ -163,7 +163,7 @@ def test_changes_of_the_job_are_told_between(quiet, at_once):
     assert asyncio.run(run()) == ["queued", "paused", "cancelled"]
 
 
-def test_each_change_is_told_but_the_progress(quiet, at_once):
+def test_each_change_is_reported_but_the_progress(quiet, at_once):
     job = quiet.submit()
 
     async def run():

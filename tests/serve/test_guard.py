@@ -331,7 +331,7 @@ class TestHost:
 
         assert ask(changed, "GET", "/").status == 421
 
-    def test_health_is_told_under_any_name(self, guard):
+    def test_health_is_reported_under_any_name(self, guard):
         assert ask(guard(), "GET", "/healthz", host="10.0.0.7").status == 200
 
 

@@ -171,7 +171,7 @@ def test_a_failed_job_says_why_and_what_to_do(quiet, ann):
     assert "<details open><summary>Messages of its process" in text
 
 
-def test_a_damaged_run_folder_is_told(quiet, ann):
+def test_a_damaged_run_folder_is_reported(quiet, ann):
     job = quiet.submit()
     quiet.race(job)
     journal = quiet.folder(job) / "journal.jsonl"

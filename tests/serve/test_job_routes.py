@@ -201,7 +201,7 @@ def test_faults_are_told_without_their_details(ann, quiet, monkeypatch):
     assert (answer.status_code, answer.json()["title"]) == (500, "Internal error")
 
 
-def test_a_damaged_file_is_told_without_its_path(ann, quiet):
+def test_a_damaged_file_is_reported_without_its_path(ann, quiet):
     job = quiet.submit()
     (quiet.service.store.folder(job) / "job.json").write_text("{")
     answer = ann.get(f"{JOBS}/{job}/mission")

@@ -168,7 +168,7 @@ def test_of_a_job_that_is_being_deleted_nothing_is_asked(page, live):
     assert live.service.index.get(job) is not None
 
 
-def test_a_service_that_has_gone_and_comes_back_is_told(page, live, tmp_path, raced):
+def test_a_service_that_has_gone_and_comes_back_is_reported(page, live, tmp_path, raced):
     with still(tmp_path / "runs", raced) as one:
         with serving(guarded(one.service)) as address:
             page.open(address)

@@ -210,7 +210,7 @@ class TestBrowser:
         page.wait_for(HAS_LINE.format("# more"))
         page.wait_for(summary("No mistakes"))
 
-    def test_a_picture_that_is_being_drawn_is_told(self, opened):
+    def test_a_picture_that_is_being_drawn_is_reported(self, opened):
         page = opened(SHORT)
         write(page)
         page.press(*"robtos: 3", "Enter")

@@ -83,7 +83,7 @@ def test_limits_of_correlation():
     assert halves[0] > halves[1]
 
 
-def test_a_simulator_whose_means_are_ordered_as_said_is_told():
+def test_a_simulator_whose_means_are_ordered_as_said_is_reported():
     """The power that is stated, played with other simulators of which some order the means as bad, or worse."""
     random = np.random.default_rng(2)
     limits = correlations.correlation_limits(artificial(range(20), spread=5.0))

@@ -267,7 +267,7 @@ class TestScores:
             ("name: robots_where_told, signal: nest, places: {white: source}", []),
         ],
     )
-    def test_of_other_objectives_is_told_alone(self, objective, overrides):
+    def test_of_other_objectives_is_reported_alone(self, objective, overrides):
         doors = (
             [opened(1.0)]
             if not any("walls" in each for each in overrides)
@@ -293,7 +293,7 @@ class TestScores:
             "name: seen_area, side: 2, cells: 10",
         ],
     )
-    def test_of_those_that_can_differ_nothing_is_told(self, objective):
+    def test_of_those_that_can_differ_nothing_is_reported(self, objective):
         assert told(opened(1.0), f"objective={{{objective}, direction: minimise}}") == []
 
     def test_a_signal_that_changes_late_counts(self):

@@ -113,7 +113,7 @@ class TestLabels:
     def test_that_are_those_of_the_floor(self, labels):
         assert list(floor_warnings(painted("black"), with_ground(labels=labels))) == []
 
-    def test_what_else_is_wrong_with_the_floor_is_told(self):
+    def test_what_else_is_wrong_with_the_floor_is_reported(self):
         found = floor_warnings(painted("black", "[250, 0, 0]", "red"), with_ground(labels=("black", "gray")))
         assert [text.rpartition(": ")[2] for text in found] == [
             "red counts as gray",
@@ -123,7 +123,7 @@ class TestLabels:
     @pytest.mark.parametrize(
         "arguments", [("validate",), ("evaluate", "--fsm-config", "--nstates 1 --s0 1", "-n", "1")]
     )
-    def test_a_user_is_told(self, tmp_path, arguments):
+    def test_a_user_is_warned(self, tmp_path, arguments):
         (tmp_path / "robot.yaml").write_text("base: mercator\nground: {labels: [orange]}\n")
         text = (
             shipped.missions()["aggregation"].read_text().replace("robot_model: mercator", "robot_model: ./robot.yaml")

@@ -136,6 +136,6 @@ def test_a_run_in_real_time(short, tmp_path):
     assert not list((tmp_path / place(short, 2)).glob("run*.jsonl"))
 
 
-def test_the_time_that_all_takes_is_told(tmp_path, capsys):
+def test_the_time_that_all_takes_is_reported(tmp_path, capsys):
     assert twin_agreement.main([str(tmp_path), "--list", "--missions", "aggregation", "--runs", "8"]) == 0
     assert capsys.readouterr().out == "aggregation\nabout 3 minutes\n"

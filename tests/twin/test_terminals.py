@@ -258,7 +258,7 @@ def test_a_port_that_stays_locked_is_replaced_and_has_its_name_all_the_time(tmp_
     assert [event["open"] for event in events(tmp_path, "port")] == [True, False] * 10
 
 
-def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
+def test_how_late_it_was_is_reported_whatever_it_was_waiting_for(tmp_path):
     """The clock jumps as a device is heard, which it is at once, and not when it is looked at."""
     times, told = iter([0.0, 0.0, 0.0, 0.5]), []
     with (
@@ -274,7 +274,7 @@ def test_how_late_it_was_is_told_whatever_it_was_waiting_for(tmp_path):
     assert warning.startswith("Warning: the twin was 490 ms late")
 
 
-def test_it_is_told_that_it_is_late_each_time_that_it_is_twice_as_late(tmp_path):
+def test_it_is_reported_that_it_is_late_each_time_that_it_is_twice_as_late(tmp_path):
     told = []
     with open_log(tmp_path) as log, Terminals(Twin(arena((0.0, 0.0, 0.0)), None, log), tmp_path) as terminals:
         terminals.run(lambda _: True, told.append)

@@ -81,7 +81,7 @@ class TestStats:
 
 
 class TestVerdict:
-    """The last line but one: which is best, and of which others the tests do not tell it."""
+    """The line that names the best, and the others that are not significantly worse."""
 
     SCORES = (1.0, 2.0, 3.0, 4.0)
 

@@ -23,7 +23,7 @@ NEGLIGIBLE = 1e-6
 _MANY = 40
 """Number of neighbours up to which each is tried."""
 _MAX_NEIGHBOURS = 1000
-"""Number of robots that a mission has at most."""
+"""The maximum number of robots of a mission: it stands for all numbers above `_MANY`."""
 _ANY_GROUND: tuple[RGB, ...] = (*(COLOURS[name] for name in LABELS), (64.0, 64.0, 64.0))
 """All that conditions distinguish; the last is between black and gray, where no condition holds."""
 

@@ -734,7 +734,7 @@ class TestRecord:
     @pytest.mark.parametrize(
         ("options", "code", "words"),
         [
-            (["-o", "trace.txt"], 2, "expected a file ending in .csv or .npz"),
+            (["-o", "trace.txt"], 2, "expected a name that ends in .csv or .npz"),
             (["-o", "trace.csv", "--devices", "radar"], 2, "expected a device: wheels, leds"),
             (["-o", "trace.csv", "--robot-model", "epuck", "--devices", "lidar"], 1, "robot epuck has no lidar"),
             (["-o", "nowhere/trace.csv"], 1, "nowhere/trace.csv: cannot be written: No such file"),

@@ -126,6 +126,7 @@ class TestMission:
         assert (code, out) == found[:2]
         assert err.startswith(f"Warning: {file} has changed since this was designed; ")
         assert err.endswith("; aggregation is used\n")
+        assert mdesign(*evaluate, "--cost")[::2] == (0, "")
 
     def test_one_that_is_given_and_goes_by_its_name_is_reported(self, mdesign, raced, tmp_path):
         given = ("evaluate", raced / "fsm.txt", "--mission", tmp_path / "mine.yaml", "-n", 2)

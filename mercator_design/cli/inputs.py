@@ -62,7 +62,7 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
         MissionError: The mission or robot model that the header names has changed since the race.
     """
     header, origin = file.header, origin_of(fsm, file.header)
-    mission = _mission_of(origin, given["mission"], given["overrides"])
+    mission = _mission_of(origin, given["mission"], given["overrides"], warn)
     simulator = new_simulator(mission, given["robot_model"])
     is_other = header.get("mission") == mission.name and header.get("mission digest") not in {None, mission.digest}
     if is_other and given["mission"] is not None and not given["overrides"]:
@@ -117,7 +117,7 @@ def ignore(_: object) -> None:
     """Ignore a warning."""
 
 
-def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...]) -> Mission:
+def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...], warn: Callable[[str], None]) -> Mission:
     """The mission of a controller: the given one, the one in its run folder, or the one that its header names.
 
     If the header has the digest of the mission, the last two must have it, too.

@@ -6,7 +6,7 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import CONTROLLER, FSM, MISSION, seed_of
+from mercator_design.cli.options import CONTROLLER, FSM, MISSION, FileOf, seed_of
 from mercator_design.command import print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.report.recording import FORMATS, check_size, write_recording
@@ -16,9 +16,7 @@ from mercator_design.system.files import replacing, writing
 
 @click.command()
 @click.argument("fsm", type=FSM)
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="File, .csv or .npz."
-)
+@click.option("-o", "--output", required=True, type=FileOf(*FORMATS), help="File, .csv or .npz.")
 @click.option(
     "--devices", default="", metavar="NAME,...", help="Devices to record besides poses and states, e.g. imu,lidar."
 )
@@ -50,8 +48,6 @@ def record(
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
     quaternion. docs/reference/recorded-devices.md describes them.
     """
-    if output.suffix not in FORMATS:
-        raise click.BadParameter(f"expected a file ending in {' or '.join(FORMATS)}, found {output}", param_hint="-o")
     names = list(dict.fromkeys(name.strip() for name in devices.split(",") if name.strip()))
     for name in names:
         if name not in DEVICES:
@@ -64,5 +60,5 @@ def record(
     check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
     with writing(output), replacing(output) as stream:
         outcome = simulator.run(file.pfsm, seed, record=True)
-        write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix)
+        write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix.lower())
     print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

@@ -22,13 +22,17 @@ def robot_models() -> dict[str, Path]:
 
 
 def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
-    """The file of a name or path: a path if it looks like one or there is such a file, else a shipped name.
+    """The file that a name or path means.
 
     Raises:
         MissionError: if it is neither, with the nearest known name.
     """
-    is_path = not is_name(text) or os.path.isfile(text)  # noqa: PTH113 - which raises if the name is too long
-    return Path(text) if is_path else shipped[named(text, shipped, kind)]
+    return Path(text) if is_path(text) else shipped[named(text, shipped, kind)]
+
+
+def is_path(text: str) -> bool:
+    """Whether a text means a file: it looks like a path, or there is such a file."""
+    return not is_name(text) or os.path.isfile(text)  # noqa: PTH113 - which raises if the name is too long
 
 
 def named(text: str, shipped: Mapping[str, Path], kind: str) -> str:

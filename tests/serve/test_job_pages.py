@@ -75,6 +75,21 @@ def test_the_list(quiet, ann):
     assert f'data-do="POST /jobs/{job}/pause"' in text
 
 
+@pytest.mark.parametrize(
+    ("wish", "message", "expected"),
+    [
+        ("run", "", ["pause", "cancel"]),
+        ("run", "stopping: the disk is nearly full", ["pause", "cancel"]),
+        ("pause", "", ["cancel"]),
+        ("cancel", "", []),
+    ],
+)
+def test_a_running_job_has_the_buttons_of_what_can_still_be_asked(quiet, ann, wish, message, expected):
+    job = quiet.submit()
+    quiet.service.index.change(job, state="running", wish=wish, message=message)
+    assert re.findall(f'data-do="POST /jobs/{job}/([a-z]+)"', checked(ann.get("/"))) == expected
+
+
 def test_filters(quiet, ann):
     job, cancelled = quiet.submit(name="one of a kind"), quiet.submit(name="two of a kind")
     quiet.service.jobs.cancel(cancelled)

@@ -188,6 +188,22 @@ def test_a_full_disk_is_no_fault(ann, quiet, monkeypatch):
     assert ann.get(f"{JOBS}/{job}").json()["state"] == "queued"
 
 
+@pytest.mark.parametrize(("pages", "status"), [(2, 507), (1000, 500)])
+def test_a_full_database_is_no_fault(ann, monkeypatch, pages, status):
+    """The other error has similar words."""
+    database = sqlite3.connect(":memory:", check_same_thread=False)
+    database.execute(f"PRAGMA max_page_count={pages}")
+    database.execute("CREATE TABLE one (x CHECK (x != 'the disk is full'))")
+
+    def write(*_, **__):
+        database.execute("INSERT INTO one VALUES (zeroblob(100000))")
+        database.execute("INSERT INTO one VALUES ('the disk is full')")
+
+    monkeypatch.setattr("mercator_design.serve.records.write_text", write)
+    assert ann.post(JOBS, json={"mission": "aggregation", "budget": BUDGET}).status_code == status
+    database.close()
+
+
 def test_faults_are_told_without_their_details(ann, quiet, monkeypatch):
     def broken(*_, **__):
         raise sqlite3.OperationalError("no such table: /secret/place")

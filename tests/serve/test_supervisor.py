@@ -49,7 +49,8 @@ def test_progress_is_in_the_row_while_it_runs(house):
 def test_pause_and_resume(house):
     job = house.submit()
     house.tick()
-    assert house.jobs.pause(job).state == "running"
+    row = house.jobs.pause(job)
+    assert (row.state, row.wish) == ("running", "pause")
     house.tick()
     assert house.processes[job].is_interrupted
     assert house.row(job).message == "stopping, to pause"
@@ -69,7 +70,7 @@ def test_a_job_that_was_resumed_before_it_had_stopped_goes_on(house):
     house.tick()
     house.jobs.resume(job)
     house.tick()
-    assert house.row(job).message == "stopping, to go on"
+    assert (house.row(job).message, house.row(job).wish) == ("stopping, to go on", "run")
     house.end(job, 75)
     house.tick()
     assert house.started == [job, job]
@@ -133,7 +134,7 @@ def test_changes_of_a_job_do_not_read_its_journal(house, monkeypatch):
     with monkeypatch.context() as patch:
         patch.delattr(Reading, "read_on")
         assert house.jobs.change(job, priority=1) == replace(before, priority=1)
-        assert house.jobs.resume(job) == replace(before, priority=1, state="queued")
+        assert house.jobs.resume(job) == replace(before, priority=1, state="queued", wish="run")
         assert house.jobs.cancel(job).state == "cancelled"
         assert house.jobs.change(done, shared=True) == replace(ended, shared=True)
         extended = house.jobs.change(done, budget=2 * BUDGET)
@@ -545,6 +546,18 @@ def test_a_job_that_goes_on_is_within_the_limits(furnished):
     house.jobs.check_disk("bob")
     house.jobs.delete(other)
     assert house.jobs.resume(failed).state == "queued"
+
+
+def test_a_job_that_is_submitted_while_the_disk_is_looked_at_counts(furnished, monkeypatch):
+    house = furnished(limits=Limits(jobs=1))
+    failed = house.submit()
+    house.tick()
+    house.end(failed, 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(house.jobs, "check_disk", lambda _: house.submit())
+        with pytest.raises(LimitReached, match="expected at most 1 jobs of ann that have not ended, found 1"):
+            house.jobs.resume(failed)
+    assert house.state(failed) == "failed"
 
 
 def test_delete(house):

@@ -10,6 +10,7 @@ import click
 from mercator_design.cli.options import DESIGN_FLAVOUR, SEED, SET
 from mercator_design.cli.races.common import method_option
 from mercator_design.command import print_message, print_result, warn
+from mercator_design.config.shipped import is_path
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.race.methods.table import DEFAULT_METHOD
@@ -67,9 +68,8 @@ def submit(
         "budget": budget, "seed": seed, "flavour": flavour, "method": method, "test_runs": test_runs,
         "priority": priority, "set": [*overrides],
     }  # fmt: skip
-    file = Path(mission)
-    if file.suffix in {".yaml", ".yml"} or file.is_file():
-        body["mission_text"] = text_of(file, error=MissionError)
+    if is_path(mission):
+        body["mission_text"] = text_of(Path(mission), error=MissionError)
     else:
         body["mission"] = mission
     headers = {"Idempotency-Key": secrets.token_hex(16)}  # if the answer is lost, it is submitted once

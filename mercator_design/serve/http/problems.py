@@ -93,7 +93,8 @@ def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
             messages, headers = [title], dict(error.headers or {})
         case OSError() | sqlite3.Error():
             _log.error("%s", error)
-            if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) or "is full" in str(error):
+            is_full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+            if is_full or getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
                 status, title = 507, "Disk full"
                 messages = ["the disk of the service is full: nothing was changed; try again later"]
             else:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.serve.database import database
-from mercator_design.serve.jobs.job import State
+from mercator_design.serve.jobs.job import State, Wish
 
-_VERSION = 2
+_VERSION = 3
 """Of the table; an index of another version is made again."""
 
 
@@ -22,6 +22,7 @@ class Row:
     owner: str  # empty for a run folder that is of no job
     name: str  # of the mission
     state: State
+    wish: Wish = "run"  # of its users: a running race may be about to pause
     message: str = ""  # why it failed, or what it waits for
     method: str = ""
     flavour: str = ""

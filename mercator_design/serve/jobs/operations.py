@@ -93,8 +93,7 @@ class Operations:
             NotPossible: It has ended otherwise.
             LimitReached: see `Limits`.
         """
-        self._check_more_of(identity)
-        return self._change(identity, "resume", (*_OPEN, "failed"), _going_on)
+        return self._go_on(identity, "resume", (*_OPEN, "failed"), _going_on)
 
     def cancel(self, identity: str) -> Row:
         """Stop a job for good; its results so far stay.
@@ -119,7 +118,6 @@ class Operations:
         """
         if budget is not None:
             self._check_budget(budget)
-            self._check_more_of(identity)
 
         def changes(job: Job) -> dict[str, Any]:
             request = job.request
@@ -135,7 +133,7 @@ class Operations:
 
         if budget is None:
             return self._change(identity, "change", STATES, changes)
-        return self._change(identity, "extend", (*_OPEN, "succeeded", "failed"), changes)
+        return self._go_on(identity, "extend", (*_OPEN, "succeeded", "failed"), changes)
 
     def delete(self, identity: str) -> None:
         """Delete a job that does not run, with its run folder.
@@ -162,13 +160,16 @@ class Operations:
         self._supervisor.wake()
         return changed or row
 
-    def _check_more_of(self, identity: str) -> None:
-        """Check that a job may go on, if it has ended, and that its user's jobs leave space on the disk."""
-        row = self._index.get(identity)
-        if row is not None and row.is_job:
+    def _go_on(
+        self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
+    ) -> Row:
+        """Change a job so that it goes on, if the limits of its user permit it."""
+        self.check_disk(self._expect(identity, what, states).owner)  # too slow to keep other changes waiting
+        with self._supervisor.locked:
+            row = self._expect(identity, what, states)
             if row.state not in _OPEN:
                 self._check_number(row.owner)
-            self.check_disk(row.owner)
+            return self._change(identity, what, states, changes)
 
     def _check_number(self, owner: str) -> None:
         counts = self._index.counts(owner)

@@ -28,8 +28,8 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
     if problem and state == "queued":
         state = "failed"
     return Row(
-        id=job.id, owner=job.owner, name=job.name, state=state, method=request.method, flavour=request.flavour,
-        message="" if state == "succeeded" else job.failure or problem,
+        id=job.id, owner=job.owner, name=job.name, state=state, wish=job.wish,
+        method=request.method, flavour=request.flavour, message="" if state == "succeeded" else job.failure or problem,
         seed=request.seed, budget=request.budget, priority=request.priority, direction=job.direction,
         experiments=len(status.record.experiments), best=status.best, tested=status.tested,
         submitted=job.submitted, ended=job.ended, seconds=job.seconds, shared=job.shared, key=job.key,
@@ -42,7 +42,7 @@ def changed_row(row: Row, job: Job, *, is_running: bool) -> Row:
     is_finished = row.state == "succeeded" and row.budget >= request.budget
     state = state_of(job, is_finished=is_finished, is_running=is_running)
     return replace(
-        row, state=state, message="" if state == "succeeded" else job.failure,
+        row, state=state, wish=job.wish, message="" if state == "succeeded" else job.failure,
         budget=request.budget, priority=request.priority, ended=job.ended, shared=job.shared,
     )  # fmt: skip
 
@@ -51,7 +51,7 @@ def is_of(row: Row, job: Job) -> bool:
     """Whether the row of a job that has ended agrees with the job's file."""
     request = job.request
     same = replace(
-        row, owner=job.owner, budget=request.budget, priority=request.priority, submitted=job.submitted,
+        row, owner=job.owner, wish=job.wish, budget=request.budget, priority=request.priority, submitted=job.submitted,
         ended=job.ended, shared=job.shared, key=job.key,
     )  # fmt: skip
     return row == same and (not job.failure or row.message == job.failure)

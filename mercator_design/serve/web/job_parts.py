@@ -21,14 +21,15 @@ class Action(NamedTuple):
     confirm: str = ""  # what is asked before
 
 
+CANCEL = Action(
+    "Cancel", "POST", "/cancel", ("queued", "running", "paused"),
+    "Cancel this job? It cannot be resumed; its results so far stay.",
+)  # fmt: skip
 ACTIONS = (
     Action("Pause", "POST", "/pause", ("queued", "running")),
     Action("Resume", "POST", "/resume", ("paused", "failed")),
-    Action(
-        "Cancel", "POST", "/cancel", ("queued", "running", "paused"),
-        "Cancel this job? It cannot be resumed; its results so far stay.",
-    ),
-)  # fmt: skip
+    CANCEL,
+)
 DELETE = Action(
     "Delete", "DELETE", "", ("queued", "paused", "succeeded", "failed", "cancelled"),
     "Delete this job with all its files? This cannot be undone.",
@@ -59,8 +60,8 @@ def button(row: Row, action: Action) -> Html:
 
 def buttons(row: Row, *actions: Action) -> Html:
     """The buttons of the actions that are possible in the state of a job."""
-    if row.message.startswith("stopping"):
-        actions = tuple(one for one in actions if one.word == "Cancel" and "cancel" not in row.message)
+    if row.state == "running" and row.wish != "run":
+        actions = () if row.wish == "cancel" else (CANCEL,)
     return Html("".join(button(row, one) for one in actions if row.state in one.states))
 
 

@@ -35,6 +35,7 @@ class Service:
             try:
                 self.store = Store(self.data)
                 ends.callback(os.close, _locked(self.data))
+                self.store.finish_deletions()
             except OSError as error:
                 raise ServiceError(f"{self.data}: cannot be used: {error.strerror or error}") from None
             self.settings = settings = load_settings(self.data)

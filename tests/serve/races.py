@@ -45,6 +45,7 @@ class House:
     def open(self):
         """Begin, as after a start of the service."""
         self.store = Store(self.data)
+        self.store.finish_deletions()
         self.index = Index(self.data / SERVICE / "index.sqlite")
         self.supervisor = Supervisor(
             self.store, self.index, self.settings, self._launch, clock=lambda: self.time, free=lambda: self.free

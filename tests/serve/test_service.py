@@ -18,11 +18,15 @@ def own_objective(trace) -> float:
 
 def test_two_services_on_one_folder(tmp_path, idle_races):
     with Service(tmp_path) as first:
+        unfinished = tmp_path / ".service" / "deleted-one"
+        unfinished.mkdir()
         with pytest.raises(ServiceError, match="another service runs on this folder"), Service(tmp_path):
             pass
         assert first.supervisor.is_at_work
+        assert unfinished.exists()
     with Service(tmp_path) as next_one:
         assert next_one.supervisor.is_at_work
+        assert not unfinished.exists()
 
 
 def test_a_mistake_in_the_settings_lets_go_of_the_folder(tmp_path, idle_races):

@@ -75,6 +75,7 @@ def test_a_deletion_that_was_cut_off_is_finished_at_the_next_start(store):
     store.run_folder(job.id).mkdir()
     store.folder(job.id).rename(store.data / ".service" / f"deleted-{job.id}")
     again = Store(store.data)
+    again.finish_deletions()
     assert (again.ids(), again.run_folder(job.id).exists()) == ([], False)
 
 

@@ -763,12 +763,12 @@ class TestTimeLeft:
     """The remaining time, by the pace since the first experiment: before it, a race compiles."""
 
     @staticmethod
-    def running(budget=100, begun=0):
-        status = SimpleNamespace(record=SimpleNamespace(experiments=range(begun)))
-        return Running(None, None, status, None, started=0.0, budget=budget, begun=begun)
+    def running(budget=100, n_before=0):
+        status = SimpleNamespace(record=SimpleNamespace(experiments=range(n_before)))
+        return Running(None, None, status, None, unsaved_since=0.0, budget=budget, n_before=n_before)
 
     def test_it_is_that_of_the_pace_since_the_first_experiment(self):
-        run = self.running(begun=5)
+        run = self.running(n_before=5)
         assert run.left(60.0) is None  # it compiles
         run.status.record.experiments = range(10)
         assert run.left(61.0) is None

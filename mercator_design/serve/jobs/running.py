@@ -30,22 +30,17 @@ Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
 
 @dataclass(slots=True)
 class Running:
-    """A race that a process of ours runs.
-
-    output: The file of its messages.
-    started: From when on its time is not yet in the job's file.
-    budget: With which the process was started; the job's may have been extended since.
-    """
+    """A race that a process of ours runs."""
 
     job: Job
     process: RaceProcess
     status: RaceStatus
-    output: Path
-    started: float
-    budget: int
-    begun: int  # experiments before it
-    read: float = -math.inf  # when its journal was looked at
-    since: tuple[float, int] | None = None  # when it was first seen to progress, and its experiments then
+    output: Path  # of its messages
+    unsaved_since: float  # its time from then on is not yet in the job's file
+    budget: int  # with which it was started; the job's may have been extended since
+    n_before: int  # experiments
+    read_at: float = -math.inf  # when its journal was looked at
+    first_progress: tuple[float, int] | None = None  # when it was seen, and the experiments then
     stopped_for: Why = ""
     stopped_at: float = 0.0
 
@@ -57,16 +52,17 @@ class Running:
 
     def seconds(self, clock: float) -> float:
         """That the job's races have run, with this one."""
-        return round(self.job.seconds + clock - self.started, 1)
+        return round(self.job.seconds + clock - self.unsaved_since, 1)
 
     def left(self, clock: float) -> float | None:
         """Seconds that the race still takes, by its pace since its first experiment here; None if not known yet."""
         done = len(self.status.record.experiments)
-        if self.since is None:
-            self.since = (clock, done) if done > self.begun else None
-        if self.since is None or done - self.since[1] < _MIN_EXPERIMENTS or clock == self.since[0]:
+        if self.first_progress is None and done > self.n_before:
+            self.first_progress = (clock, done)
+        since, n_then = self.first_progress or (clock, done)
+        if done - n_then < _MIN_EXPERIMENTS or clock == since:
             return None
-        return max(0, self.budget - done) * (clock - self.since[0]) / (done - self.since[1])
+        return max(0, self.budget - done) * (clock - since) / (done - n_then)
 
     @property
     def message(self) -> str:

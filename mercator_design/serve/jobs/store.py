@@ -39,7 +39,10 @@ class Store(Records[Job]):
         self.data = data
         (data / SERVICE).chmod(0o700)
         self._lock = threading.RLock()
-        for left in (data / SERVICE).glob(f"{_DELETED}*"):
+
+    def finish_deletions(self) -> None:
+        """Delete what is left of jobs whose deletion was interrupted; only for the service that has the data folder."""
+        for left in (self.data / SERVICE).glob(f"{_DELETED}*"):
             self._finish_deletion(left.name.removeprefix(_DELETED))
 
     def create(

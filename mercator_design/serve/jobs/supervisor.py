@@ -237,8 +237,8 @@ class Supervisor:
             run.stop("wish", clock)
         elif run.seconds(clock) - job.granted > self._settings.limits.hours * 3600:
             run.stop("time", clock)
-        if clock - run.read >= _READ:
-            run.read = clock
+        if clock - run.read_at >= _READ:
+            run.read_at = clock
             self._note_progress(run, clock)
 
     def _job_of(self, run: Running) -> Job:
@@ -258,8 +258,8 @@ class Supervisor:
             left=run.left(clock),
             message=run.message,
         )
-        if clock - run.started >= _KEEP:
-            run.job, run.started = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
+        if clock - run.unsaved_since >= _KEEP:
+            run.job, run.unsaved_since = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
 
     def _end(self, run: Running, code: int) -> None:
         identity = run.job.id
@@ -348,9 +348,9 @@ class Supervisor:
             process=process,
             status=RaceStatus(self._store.run_folder(identity)),
             output=self._store.folder(identity) / OUTPUT,
-            started=self._clock(),
+            unsaved_since=self._clock(),
             budget=job.request.budget,
-            begun=row.experiments,
+            n_before=row.experiments,
         )
         self.refresh(identity)
         _log.info("job %s: started", identity)

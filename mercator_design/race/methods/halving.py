@@ -43,8 +43,8 @@ class HalvingOptions:
         simple: Part of the first generation that are simple configurations of the space's structure, if it has one; a
             Latin hypercube gives the others.
         surrogate: Part of later newcomers that a surrogate proposes; the others are neighbours of elites.
-        structure: Whether newcomers are in canonical form, and neighbours are moves in the space's structure, if it has
-            one.
+        structure: Whether to use the space's structure, if it has one: for simple configurations, for neighbours, and
+            to bring newcomers into canonical form.
         elites: Number of configurations that a generation ends with.
         rung: Experiments in each rung of a generation, as a part of the newcomers of a later generation, rounded to
             whole instances: where there are few configurations, they run on several. 0 means one instance in each rung.

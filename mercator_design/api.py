@@ -3,19 +3,20 @@
 import dataclasses
 import logging
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mercator_design.designer import Designer
-from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.errors import RaceError, SimulationError, excerpt
+from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.race.executors.executor import Executor, available_jobs, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.methods.table import DEFAULT_METHOD
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing
 from mercator_design.race.running.events import Event
@@ -63,7 +64,9 @@ def simulate(
     Raises:
         FsmError: The PFSM needs a sensor that the robot lacks.
         MissionError: The robots do not fit, or the objective has no score for what they did.
+        SimulationError: The seed is negative.
     """
+    _check_at_least("seed", seed, 0)
     simulator = Simulator(mission, robot_model)
     trace = simulator.run(pfsm, seed, record=record).trace
     fields = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
@@ -87,7 +90,7 @@ def evaluate(
     mission: Mission,
     pfsm: Pfsm,
     *,
-    seeds: Sequence[int] | None = None,
+    seeds: Iterable[int] | None = None,
     robot_model: RobotModel | None = None,
     jobs: int | None = None,
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
@@ -105,17 +108,21 @@ def evaluate(
     Raises:
         FsmError: The PFSM needs a sensor that the robot lacks.
         MissionError: The robots do not fit, or the objective has no score for what they did.
+        SimulationError: There are no seeds, or one is negative; or `jobs` is negative.
     """
+    seeds = tuple(fresh_instances() if seeds is None else seeds)
+    _check_at_least("number of seeds", len(seeds), 1)
+    _check_at_least("seed", min(seeds), 0)
+    _check_at_least("jobs", jobs or 0, 0)
     simulator = Simulator(mission, robot_model)
     simulator.check(pfsm)
-    seeds = fresh_instances() if seeds is None else seeds
 
     def measured(seed: int) -> float:
         return simulator.run(pfsm, seed).score
 
     with ThreadExecutor(jobs or available_jobs()) as executor:
         scores = in_order(executor, measured, seeds, watch)
-    return Evaluation(scores=Scores(tuple(scores)), seeds=tuple(seeds))
+    return Evaluation(scores=Scores(tuple(scores)), seeds=seeds)
 
 
 class DesignRun(RaceRun[tuple[Pfsm, int]]):
@@ -202,8 +209,14 @@ def design(
     Raises:
         FsmError: The robot lacks a sensor that a module of the flavour needs.
         MissionError: The mission is impossible.
-        RaceError: The budget is too small, or the folder has files.
+        RaceError: The budget is too small, or the folder has files; or there is no such flavour, method or way to fail.
+        SimulationError: `jobs`, `seed` or `test_runs` is negative.
     """
+    _check_choice("flavour", flavour, FLAVOURS)
+    _check_choice("method", method, METHODS)
+    _check_choice("on_failure", on_failure, ("stop", "reject"))
+    for name, number in (("jobs", jobs or 0), ("seed", seed), ("test_runs", test_runs)):
+        _check_at_least(name, number, 0)
     designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
     testing = Testing(runs=test_runs) if test_runs else None
     executor = ThreadExecutor(jobs or available_jobs())
@@ -215,3 +228,13 @@ def design(
         request = Request(mission=mission.name, flavour=flavour, method=method, executor="threads", jobs=executor.jobs)
         run_folder = RunFolder.create(Path(folder), designer, request=request, testing=testing)
     return DesignRun(designer, executor, run_folder, on_failure=on_failure, testing=testing)
+
+
+def _check_choice(name: str, value: str, choices: Collection[str]) -> None:
+    if value not in choices:
+        raise RaceError(f"{name}: expected {' or '.join(choices)}, found {excerpt(value)}")
+
+
+def _check_at_least(name: str, value: int, minimum: int) -> None:
+    if value < minimum:
+        raise SimulationError(f"{name}: expected at least {minimum}, found {value}")

@@ -92,6 +92,23 @@ def test_other_robots_than_the_mission_s(mission):
     assert not np.array_equal(traces[0], traces[2])
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seeds": []}, "number of seeds: expected at least 1, found 0"),
+        ({"seeds": [1, -1]}, "seed: expected at least 0, found -1"),
+        ({"jobs": -1}, "jobs: expected at least 0, found -1"),
+    ],
+)
+def test_what_cannot_be_evaluated(mission, options, message):
+    with pytest.raises(md.MercatorError, match=message):
+        md.evaluate(mission, md.parse_fsm(EXPLORE), **options)
+
+
+def test_seeds_may_come_one_by_one(mission):
+    assert md.evaluate(mission, md.parse_fsm(EXPLORE), seeds=iter([1, 2])).seeds == (1, 2)
+
+
 def test_evaluate_has_the_instances_of_the_command_line_by_default():
     assert md.fresh_instances() == fresh_instances(1, 100)
     assert md.evaluate(md.load_mission("aggregation", ["duration=0.2"]), md.parse_fsm(EXPLORE)).seeds == tuple(
@@ -166,6 +183,22 @@ class TestDesign:
         for thread in threads:
             thread.join(60)
             assert not thread.is_alive()
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"flavour": "nope"}, "flavour: expected watermelon or chocolate, found nope"),
+            ({"method": "nope"}, "method: expected halving or irace or .*, found nope"),
+            ({"on_failure": "nope"}, "on_failure: expected stop or reject, found nope"),
+            ({"test_runs": -3}, "test_runs: expected at least 0, found -3"),
+            ({"jobs": -1}, "jobs: expected at least 0, found -1"),
+            ({"seed": -1}, "seed: expected at least 0, found -1"),
+        ],
+    )
+    def test_mistakes_are_refused_before_anything_is_written(self, mission, tmp_path, options, message):
+        with pytest.raises(md.MercatorError, match=message):
+            md.design(mission, budget=60, folder=tmp_path / "race", **options)
+        assert not (tmp_path / "race").exists()
 
     def test_too_small_a_budget(self, mission):
         with pytest.raises(RaceError, match="budget"):

@@ -843,7 +843,7 @@ class TestRuns:
         assert "fsm.txt: expected configuration" in err
 
     def test_tables_of_nothing(self, tmp_path):
-        with pytest.raises(RaceError, match="cannot be read: No such file"):
+        with pytest.raises(RaceError, match=r"not a run folder: provenance\.json is missing"):
             experiments_table(tmp_path)
 
 

@@ -145,6 +145,8 @@ def read_journal(path: Path, before: Reading | None = None) -> Reading:
         OtherVersion: see there.
         RaceError: if there is no journal, or it is corrupt.
     """
+    if before is None and not (path / JOURNAL).exists() and not (path / PROVENANCE).exists():
+        raise RaceError(f"{path}: not a run folder: {PROVENANCE} is missing")
     reading = before or Reading(path / JOURNAL)
     reading.read_on()
     if reading.record.start:

@@ -392,4 +392,4 @@ class TestCommand:
     def test_no_race(self, mdesign, tmp_path):
         code, out, err = mdesign("report", tmp_path)
         assert (code, out) == (1, "")
-        assert "journal.jsonl" in err
+        assert "not a run folder: provenance.json is missing" in err

@@ -66,7 +66,7 @@ def simulate(
         MissionError: The robots do not fit, or the objective has no score for what they did.
         SimulationError: The seed is negative.
     """
-    _check_at_least("seed", seed, 0)
+    _check_minimum("seed", seed, 0)
     simulator = Simulator(mission, robot_model)
     trace = simulator.run(pfsm, seed, record=record).trace
     fields = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
@@ -111,9 +111,9 @@ def evaluate(
         SimulationError: There are no seeds, or one is negative; or `jobs` is negative.
     """
     seeds = tuple(fresh_instances() if seeds is None else seeds)
-    _check_at_least("number of seeds", len(seeds), 1)
-    _check_at_least("seed", min(seeds), 0)
-    _check_at_least("jobs", jobs or 0, 0)
+    _check_minimum("number of seeds", len(seeds), 1)
+    _check_minimum("seed", min(seeds), 0)
+    _check_minimum("jobs", jobs or 0, 0)
     simulator = Simulator(mission, robot_model)
     simulator.check(pfsm)
 
@@ -216,7 +216,7 @@ def design(
     _check_choice("method", method, METHODS)
     _check_choice("on_failure", on_failure, ("stop", "reject"))
     for name, number in (("jobs", jobs or 0), ("seed", seed), ("test_runs", test_runs)):
-        _check_at_least(name, number, 0)
+        _check_minimum(name, number, 0)
     designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
     testing = Testing(runs=test_runs) if test_runs else None
     executor = ThreadExecutor(jobs or available_jobs())
@@ -235,6 +235,6 @@ def _check_choice(name: str, value: str, choices: Collection[str]) -> None:
         raise RaceError(f"{name}: expected {' or '.join(choices)}, found {excerpt(value)}")
 
 
-def _check_at_least(name: str, value: int, minimum: int) -> None:
+def _check_minimum(name: str, value: int, minimum: int) -> None:
     if value < minimum:
         raise SimulationError(f"{name}: expected at least {minimum}, found {value}")

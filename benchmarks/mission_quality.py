@@ -22,7 +22,7 @@ Cost: the default and irace at 500 and 2000, 20 seeds each, are 1.6 million expe
 processes one took 2.4 to 10 ms of CPU, 6.8 in the mean (--cost measures it): 3 hours. `foraging` took 2.7 times what it
 takes on an idle machine, on which it should be a good hour. Budget 5000 costs twice as much as 500 and 2000.
 
-Run: python benchmarks/mission_quality.py [--budgets 500 2000 5000] [--seeds 20] [--methods default irace no-structure]
+Run: python benchmarks/mission_quality.py [--budgets 500 2000 5000] [--seeds 20] [--methods default irace no-moves]
          [--missions NAME ...] [--against irace] [--cache FILE.jsonl] [-j N] [--cost]
 """
 

@@ -1,7 +1,9 @@
 """Races of methods on problems, and their results in a file that several processes may share.
 
-Methods are those of `mdesign race --method`, `default`, and `no-NAME`, the default with
-its option NAME at zero. METHOD@CODE has the results that the file has of another version of the code.
+Methods are those of `mdesign race --method`, `default`, and `no-NAME`, the default with its option NAME at zero.
+`no-structure` has no simple configurations and no canonical form, either; `no-moves` has both, and only lacks the moves
+in the structure: its neighbours change a few parameters. METHOD@CODE has the results that the file has of another
+version of the code.
 """
 
 import contextlib
@@ -18,12 +20,18 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 import mercator_design
 from mercator_design.jit import kernels_digest
 from mercator_design.race import Configuration, Halving, HalvingOptions, Space
+from mercator_design.race.candidates.moves import Moves
 from mercator_design.race.methods.table import METHODS
+from mercator_design.race.space.encoding import Encoding
+from mercator_design.race.space.space import Structure
 
 Row = dict[str, Any]
+NO_MOVES = "no-moves"
 _CLAIMS_FROM = 2**40
 """Bytes from here on, behind the end of the file, stand for races: who has one locked runs that race."""
 
@@ -61,9 +69,30 @@ class Race(NamedTuple):
         return self.problem, method, self.budget, self.seed, code or fingerprint()
 
 
+class Unmoved:
+    """A structure without its moves: neighbours change a few parameters, as in a space without structure."""
+
+    def __init__(self, structure: Structure, encoding: Encoding) -> None:
+        self.canonical, self.simple = structure.canonical, structure.simple
+        self._encoding = encoding
+
+    def neighbour(self, configuration: Configuration, draws: np.random.Generator) -> Configuration:
+        rows = self._encoding.rows([configuration])
+        moved = self._encoding.settled(Moves(self._encoding, draws).mutated(rows, rows))
+        return self.canonical(self._encoding.configuration(moved[0]))
+
+
+def space_for(method: str, space: Space) -> Space:
+    """The space that a method searches: for `no-moves` the same with another structure."""
+    if method != NO_MOVES or space.structure is None:
+        return space
+    structure = Unmoved(space.structure, Encoding(space))
+    return Space(space.parameters, forbidden=space.forbidden, notes=space.notes, structure=structure)
+
+
 def options_of(method: str) -> HalvingOptions:
     """`default`, or `no-NAME`: the default without an option."""
-    if method == "default":
+    if method in ("default", NO_MOVES):
         return HalvingOptions()
     name = method.removeprefix("no-")
     if method == name or not hasattr(HalvingOptions(), name):
@@ -87,7 +116,7 @@ def run(problem: Problem, race: Race) -> Row:
     problem.start(race.seed)
     make = METHODS.get(race.method) or partial(Halving, options=options_of(race.method))
     evaluating, began = 0.0, time.process_time()
-    optimizer = make(problem.space, budget=race.budget, seed=race.seed)
+    optimizer = make(space_for(race.method, problem.space), budget=race.budget, seed=race.seed)
     while batch := optimizer.ask():
         started = time.process_time()
         costs = [problem.cost(optimizer.configurations[e.configuration], e.instance) for e in batch]

@@ -7,8 +7,9 @@ from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
+from mercator_design.config.schema import one_of
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
@@ -214,7 +215,7 @@ def design(
     """
     _check_choice("flavour", flavour, FLAVOURS)
     _check_choice("method", method, METHODS)
-    _check_choice("on_failure", on_failure, ("stop", "reject"))
+    _check_choice("on_failure", on_failure, get_args(OnFailure))
     for name, number in (("jobs", jobs or 0), ("seed", seed), ("test_runs", test_runs)):
         _check_minimum(name, number, 0)
     designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
@@ -232,7 +233,7 @@ def design(
 
 def _check_choice(name: str, value: str, choices: Collection[str]) -> None:
     if value not in choices:
-        raise RaceError(f"{name}: expected {' or '.join(choices)}, found {excerpt(value)}")
+        raise RaceError(f"{name}: expected {one_of([*choices])}, found {excerpt(value)}")
 
 
 def _check_minimum(name: str, value: int, minimum: int) -> None:

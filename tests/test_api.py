@@ -187,9 +187,9 @@ class TestDesign:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"flavour": "nope"}, "flavour: expected watermelon or chocolate, found nope"),
-            ({"method": "nope"}, "method: expected halving or irace or .*, found nope"),
-            ({"on_failure": "nope"}, "on_failure: expected stop or reject, found nope"),
+            ({"flavour": "nope"}, "flavour: expected one of watermelon, chocolate, found nope"),
+            ({"method": "nope"}, "method: expected one of halving, irace, .*, found nope"),
+            ({"on_failure": "nope"}, "on_failure: expected one of stop, reject, found nope"),
             ({"test_runs": -3}, "test_runs: expected at least 0, found -3"),
             ({"jobs": -1}, "jobs: expected at least 0, found -1"),
             ({"seed": -1}, "seed: expected at least 0, found -1"),

@@ -57,7 +57,6 @@ def bundle() -> bytes:
     return archive.getvalue()
 
 
-@functools.cache
 def _byte_code(place: str, source: bytes) -> bytes:
     """A module as Python keeps it compiled, valid whatever the date of its source (PEP 552)."""
     code = compile(source, place, "exec", dont_inherit=True, optimize=0)

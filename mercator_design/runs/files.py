@@ -17,7 +17,7 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.race.running.journal import Reading
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
-from mercator_design.runs.provenance import PROVENANCE, Provenance
+from mercator_design.runs.provenance import PROVENANCE, Provenance, not_a_run_folder
 from mercator_design.runs.provenance import read as read_json
 from mercator_design.system.files import Unreadable, read_small
 
@@ -146,7 +146,7 @@ def read_journal(path: Path, before: Reading | None = None) -> Reading:
         RaceError: if there is no journal, or it is corrupt.
     """
     if before is None and not (path / JOURNAL).exists() and not (path / PROVENANCE).exists():
-        raise RaceError(f"{path}: not a run folder: {PROVENANCE} is missing")
+        raise not_a_run_folder(path)
     reading = before or Reading(path / JOURNAL)
     reading.read_on()
     if reading.record.start:

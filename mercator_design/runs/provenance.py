@@ -50,6 +50,11 @@ class Provenance:
     seconds: float | None = None
 
 
+def not_a_run_folder(folder: Path) -> RaceError:
+    """The error for a folder without provenance."""
+    return RaceError(f"{folder}: not a run folder: {PROVENANCE} is missing")
+
+
 def read(folder: Path) -> Provenance:
     """Read the provenance of a run folder.
 
@@ -58,7 +63,7 @@ def read(folder: Path) -> Provenance:
     """
     file = folder / PROVENANCE
     if not file.exists():
-        raise RaceError(f"{folder}: not a run folder: {PROVENANCE} is missing")
+        raise not_a_run_folder(folder)
     provenance: Provenance = read_json(file, Provenance, error=RaceError)
     return provenance
 

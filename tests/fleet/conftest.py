@@ -1,6 +1,7 @@
 """Robots that are reached over an ssh and an scp that act in local folders: a host is a folder, its home."""
 
 import contextlib
+import functools
 import os
 import signal
 import stat
@@ -9,12 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design.fleet import deploy as deployment
 from mercator_design.fleet import ssh
+from mercator_design.fleet.bundle import bundle
 from mercator_design.robot.protocols import joint_start
 from tests.fleet.fakes import FAKE, GO, PATIENT
 from tests.processes import LIMIT
 
 ROOT = Path(__file__).parents[2]
+
+
+same_bundle = functools.cache(bundle)  # the sources do not change between tests
 
 
 @pytest.fixture
@@ -37,6 +43,7 @@ def field(tmp_path, monkeypatch):
     }.items():
         monkeypatch.setattr(joint_start, name, seconds)
     monkeypatch.setattr(ssh, "_ENDS", LIMIT)
+    monkeypatch.setattr(deployment, "bundle", same_bundle)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fsm.txt").write_text(GO)
     (tmp_path / "robots.yaml").write_text(

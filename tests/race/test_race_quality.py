@@ -6,9 +6,12 @@ import sys
 import pytest
 
 from benchmarks import race_quality, race_results
-from benchmarks.race_results import options_of, result_file
-from mercator_design.race import HalvingOptions
+from benchmarks.race_results import options_of, result_file, space_for
+from mercator_design.race import Halving, HalvingOptions, Space
+from tests.race.mixed import run
 from tests.race.spaces import uniform
+from tests.race.test_structure import SPACE as OF_PAIRS
+from tests.race.test_structure import Pairs
 
 PARAMETERS = [
     {"name": "n", "type": "int", "low": 1, "high": 3, "log": False, "condition": None},
@@ -50,6 +53,17 @@ def test_methods_are_options():
     assert options_of("no-surrogate") == HalvingOptions(surrogate=0)
     with pytest.raises(SystemExit, match="expected default, no-NAME of an option or halving, irace"):
         options_of("no-such")
+
+
+def test_without_moves_a_race_keeps_simple_configurations_and_canonical_form():
+    pairs = Pairs(n_simple=30)
+    race = Halving(space_for("no-moves", Space(OF_PAIRS, structure=pairs)), budget=500, seed=1)
+    race.ask()
+    assert sum(c["a"] == c["b"] for c in race.configurations) >= 30
+    run(race, cost=lambda c: abs(c["a"] * c["b"] - 600) / 100 + c["x"])
+    assert all(c["a"] <= c["b"] for c in race.configurations)
+    assert any(parent is not None for parent in race.parents)
+    assert pairs.asked == 0
 
 
 def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, capsys):

@@ -231,8 +231,8 @@ class TestFailures:
 
     def test_an_address_with_many_has_to_wait(self, guard, ana, clock, application):
         app = guard()
-        found = [ask(app, "GET", "/", self.WRONG).status for _ in range(attempts.MAX + 2)]
-        assert found == [401] * attempts.MAX + [429] * 2
+        found = [ask(app, "GET", "/", self.WRONG).status for _ in range(attempts.MAX_FAILURES + 2)]
+        assert found == [401] * attempts.MAX_FAILURES + [429] * 2
         assert ask(app, "GET", "/", ana).status == 429  # not known yet: nobody looks at it
         assert ask(app, "GET", "/", self.WRONG, client="192.0.2.2").status == 401
         answer = ask(app, "GET", "/", self.WRONG)
@@ -243,23 +243,23 @@ class TestFailures:
     def test_known_tokens_and_sessions_go_on(self, guard, ana, session, clock):
         app = guard()
         assert ask(app, "GET", "/", ana).status == 200
-        for _ in range(attempts.MAX + 1):
+        for _ in range(attempts.MAX_FAILURES + 1):
             ask(app, "GET", "/", self.WRONG)
         assert ask(app, "GET", "/", ana).status == 200
         assert ask(app, "GET", "/", session).status == 200
 
     def test_addresses_of_one_network_count_together(self, guard, ana):
         app = guard()
-        for number in range(attempts.MAX):
+        for number in range(attempts.MAX_FAILURES):
             ask(app, "GET", "/", self.WRONG, client=f"2001:db8::{number:x}")
         assert ask(app, "GET", "/", self.WRONG, client="2001:db8::ffff").status == 429
         assert ask(app, "GET", "/", self.WRONG, client="2001:db8:0:1::1").status == 401
 
     def test_changes_without_a_login_count(self, guard, ana, accounts):
         app = guard()
-        found = [ask(app, "POST", "/api/v1/jobs", JSON).status for _ in range(attempts.MAX + 3)]
-        assert found == [401] * attempts.MAX + [429] * 3
-        assert len(lines(accounts)) == attempts.MAX
+        found = [ask(app, "POST", "/api/v1/jobs", JSON).status for _ in range(attempts.MAX_FAILURES + 3)]
+        assert found == [401] * attempts.MAX_FAILURES + [429] * 3
+        assert len(lines(accounts)) == attempts.MAX_FAILURES
 
     def test_addresses_are_forgotten(self, accounts, monkeypatch, clock):
         monkeypatch.setattr(attempts, "_ADDRESSES", 3)
@@ -274,14 +274,14 @@ class TestFailures:
             return await asyncio.gather(*(request(app, "GET", "/", self.WRONG) for _ in range(50)))
 
         found = [answer.status for answer in asyncio.run(all_at_once())]
-        assert found.count(401) == attempts.MAX
-        assert found.count(429) == 50 - attempts.MAX
+        assert found.count(401) == attempts.MAX_FAILURES
+        assert found.count(429) == 50 - attempts.MAX_FAILURES
 
     def test_first_requests_at_the_same_time_are_no_failures(self, guard, accounts):
         app, tokens = guard(), [accounts.users.add(name) for name in ("ann", "bob", "cem")]
 
         async def all_at_once():
-            shown = [{"authorization": f"Bearer {token}"} for token in tokens * attempts.MAX]
+            shown = [{"authorization": f"Bearer {token}"} for token in tokens * attempts.MAX_FAILURES]
             return await asyncio.gather(*(request(app, "GET", "/", one) for one in shown))
 
         assert {answer.status for answer in asyncio.run(all_at_once())} == {200}
@@ -498,7 +498,7 @@ class TestBodies:
 
         form = {"content-type": "application/x-www-form-urlencoded", "content-length": "5"}
         app = guard(body_seconds=0.01)
-        for _ in range(attempts.MAX):
+        for _ in range(attempts.MAX_FAILURES):
             assert not accounts.attempts.wait("192.0.2.1")
             assert ask(app, "POST", "/login", form, parts=(), received=never).status == 408
         assert accounts.attempts.wait("192.0.2.1")
@@ -687,10 +687,12 @@ class TestAudit:
             ask(app, "POST", f"/{number}", host="evil.example")
         for number in range(50):
             ask(app, "POST", f"/{number}", {"sec-fetch-site": "cross-site"}, client="192.0.2.2")
-        assert len(lines(accounts)) == 2 * attempts.MAX
-        for _ in range(2 * attempts.MAX):
+        assert len(lines(accounts)) == 2 * attempts.MAX_FAILURES
+        for _ in range(2 * attempts.MAX_FAILURES):
             ask(app, "POST", "/x", session)  # known, although refused
-        assert [line["user"] for line in lines(accounts)[2 * attempts.MAX :]] == ["bob"] * 2 * attempts.MAX
+        assert [line["user"] for line in lines(accounts)[2 * attempts.MAX_FAILURES :]] == [
+            "bob"
+        ] * 2 * attempts.MAX_FAILURES
         ask(app, "GET", "/", {"authorization": "Bearer md_x"})
         assert lines(accounts)[-1]["answer"] == 401
 

@@ -137,8 +137,8 @@ def test_a_session_that_a_stranger_has_chosen_is_none(lab, browser):
 
 
 def test_many_failures_have_to_wait(lab, browser):
-    found = [browser.post("/login", data={"token": "x"}).status_code for _ in range(attempts.MAX + 1)]
-    assert found == [401] * attempts.MAX + [429]
+    found = [browser.post("/login", data={"token": "x"}).status_code for _ in range(attempts.MAX_FAILURES + 1)]
+    assert found == [401] * attempts.MAX_FAILURES + [429]
     answer = browser.post("/login", data={"token": "x"})
     assert int(answer.headers["retry-after"]) > 0
     assert "Wait" in answer.text

@@ -5,7 +5,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-MAX = 10
+MAX_FAILURES = 10
 """Failures of an address at once."""
 PERIOD = 6.0
 """Seconds after which one failure is forgotten."""
@@ -23,7 +23,7 @@ class Attempts:
     def wait(self, address: str) -> float:
         """Seconds that an address has to wait; 0 if it may try now."""
         with self._lock:
-            return max(0.0, self._level(_network(address)) - MAX + 1) * PERIOD
+            return max(0.0, self._level(_network(address)) - MAX_FAILURES + 1) * PERIOD
 
     def count(self, address: str) -> None:
         """Count an attempt as failed; `forgive` takes it back."""

@@ -498,7 +498,7 @@ class TestErrors:
     def test_the_log_itself_is_not_written_over(self, export, log):
         before = log.read_bytes()
         code, err = export(log, log)
-        assert (code, "expected another file than the log" in err) == (2, True)
+        assert (code, "expected another file than the one that is read" in err) == (2, True)
         assert log.read_bytes() == before
 
     def test_a_folder_that_is_not_there(self, export, log, tmp_path):

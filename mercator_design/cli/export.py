@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import click
 
-from mercator_design.cli.inputs import warn_of_mission
+from mercator_design.cli.inputs import check_apart, warn_of_mission
 from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
@@ -109,8 +109,7 @@ def _write(
     write: Callable[[BinaryIO], list[str]],
     stdout: BinaryIO | None = None,
 ) -> None:
-    if output.exists() and any(log.exists() and output.samefile(log) for log in logs):
-        raise click.BadParameter("expected another file than the log", param_hint="-o")
+    check_apart(output, logs)
     if stdout is not None:
         summaries = write(stdout)
     else:

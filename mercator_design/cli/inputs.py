@@ -27,6 +27,13 @@ def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
     return Simulator(mission, load_robot_model(robot_model) if robot_model is not None else None)
 
 
+def check_apart(output: Path, inputs: Iterable[Path]) -> None:
+    """Check that what is written replaces nothing that is read."""
+    for path in inputs:
+        if output.exists() and path.exists() and output.samefile(path):
+            raise click.UsageError(f"{output}: expected another file than the one that is read")
+
+
 def warn_of_no_effect(simulator: Simulator, flavour: str, pfsm: Pfsm | None = None) -> None:
     """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
     warn(*no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))

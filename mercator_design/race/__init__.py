@@ -8,7 +8,8 @@ the configurations with the lowest mean cost.
                    Perspectives 3:43-58), with RaceOptions
     Space          the parameters of the configurations; `parse_space` reads irace's parameters.txt
     Experiment     one configuration on one instance, both counted from 0
-    Event          an event of a race that is run to its end: ExperimentDone, IterationEnded, ...
+    RaceRun        a running race with its tests: an iterator of events; an executor runs its experiments
+    Event          such an event: ExperimentDone, IterationEnded, ...
 
 The rooms, from the bottom up:
 
@@ -41,12 +42,27 @@ from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.racing.options import RaceOptions
 from mercator_design.race.racing.race import EliminationRace, Experiment, RaceRules
 from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
-from mercator_design.race.running.events import Event, ExperimentDone, IterationEnded, RaceEnded, TestDone
+from mercator_design.race.running.events import (
+    BudgetExtended,
+    ConfigurationAdded,
+    Event,
+    ExperimentDone,
+    IterationEnded,
+    RaceEnded,
+    ScoreRevised,
+    SessionStarted,
+    SessionStopped,
+    SpeculativeDone,
+    TestDone,
+)
+from mercator_design.race.running.runner import RaceRun
 from mercator_design.race.space.parameter import Configuration, Parameter, Value, categorical, integer, ordered, real
 from mercator_design.race.space.space import Space
 
 __all__ = [
+    "BudgetExtended",
     "Configuration",
+    "ConfigurationAdded",
     "EliminationRace",
     "Elite",
     "Event",
@@ -62,7 +78,12 @@ __all__ = [
     "RaceEnded",
     "RaceOptions",
     "RaceRules",
+    "RaceRun",
+    "ScoreRevised",
+    "SessionStarted",
+    "SessionStopped",
     "Space",
+    "SpeculativeDone",
     "TestDone",
     "Value",
     "categorical",

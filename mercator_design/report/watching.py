@@ -1,6 +1,5 @@
 """Follows a race by its journal, which another process writes."""
 
-import shlex
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,7 @@ from mercator_design.race.running.journal import Reading, is_locked
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.standing import Standing
 from mercator_design.report.progress import Mode, RaceDisplay
-from mercator_design.runs.files import JOURNAL, RESUMED_BY, read_provenance, task_of
+from mercator_design.runs.files import JOURNAL, read_provenance, resume_command, task_of
 
 _POLL_EVERY = 0.5
 """Seconds between two looks at the journal."""
@@ -71,6 +70,6 @@ def _begun(path: Path, announce: Callable[[str], None], sleep: Sleep) -> tuple[R
 def _interruption(path: Path, record: Record) -> str:
     last = record.sessions[-1] if record.sessions else None
     why = f" ({last.why}, {last.time})" if isinstance(last, SessionStopped) else ""
-    resume = f"{RESUMED_BY[record.start['task']]} --resume {shlex.quote(str(path))}"
     what = "tests" if record.is_complete else "race"
+    resume = resume_command(path, record.start["task"])
     return f"{path}: the {what} stopped{why} after {len(record.experiments)} experiments; waiting for: {resume}"

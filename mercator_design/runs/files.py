@@ -1,6 +1,7 @@
 """Reads a run folder: its journal, its task and its provenance."""
 
 import json
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,15 +19,14 @@ from mercator_design.race.running.journal import Reading
 from mercator_design.race.running.record import Record
 from mercator_design.race.running.task import Task
 from mercator_design.runs.provenance import PROVENANCE, Provenance, not_a_run_folder
-from mercator_design.runs.provenance import read as read_json
+from mercator_design.runs.provenance import read as read_provenance_file
 from mercator_design.system.files import Unreadable, read_small
 
 JOURNAL = "journal.jsonl"
 _MAX_SIZE = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """The tasks, by their names in the start of a race."""
-RESUMED_BY: Mapping[str, str] = {"mission": "mdesign race", "scenario": "mdesign tune"}
-"""The commands that resume the races of tasks."""
+_VERBS: Mapping[str, str] = {"mission": "race", "scenario": "tune"}
 _START: Mapping[str, Kind] = {
     "mercator_design": str,
     "name": str,
@@ -48,6 +48,11 @@ _FORMER_OPTIONS: Mapping[str, float] = {
 
 class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
     """A run folder was written by another version of this program, in another format."""
+
+
+def resume_command(path: Path, task: str) -> str:
+    """The command that resumes the race of a run folder, for a shell; `task` is a key of TASKS."""
+    return shlex.join(["mdesign", _VERBS[task], "--resume", str(path)])
 
 
 def task_of(path: Path) -> Task[Any]:
@@ -113,7 +118,7 @@ def read_provenance(path: Path) -> Provenance:
     """
     if unfinished := without_provenance(path):
         raise RaceError(unfinished)
-    found = read_json(path)
+    found = read_provenance_file(path)
     _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
 

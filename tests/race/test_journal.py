@@ -442,6 +442,26 @@ class TestFullDisk:
         assert reading.torn == ""
         assert resumed(path) == (*EXPECTED, RAN - len(reading.record.experiments))
 
+    @pytest.mark.parametrize(
+        ("before", "expected", "message"),
+        [
+            (None, RaceError, r"results cannot be written: Disk quota exceeded; .* resume the race"),
+            (KeyError("the first"), KeyError, "the first"),
+        ],
+    )
+    def test_what_cannot_be_forced_to_the_disk_at_the_end(self, tmp_path, monkeypatch, before, expected, message):
+        def full(_):
+            raise OSError(122, "Disk quota exceeded")
+
+        def ended():
+            with Journal(tmp_path / "journal.jsonl", new=True):
+                monkeypatch.setattr(os, "fsync", full)
+                if before is not None:
+                    raise before
+
+        with pytest.raises(expected, match=message):
+            ended()
+
     def test_what_is_written_is_forced_to_the_disk_now_and_then(self, tmp_path, monkeypatch):
         monkeypatch.setattr(journal, "SYNC_EVERY", 0.01)
         synced, now = [], [1000.0]

@@ -70,7 +70,7 @@ def test_plot(work, mdesign):
         (["fsm.txt", *SHORT, "--start", "0,0,0"], 2, "--start needs LOG as the first file"),
         (["fsm.txt", *SHORT, "--png", "3"], 2, "expected at most 2 s"),
         (["fsm.txt", *SHORT, "--png", "nan"], 2, "'nan' is not a number"),
-        (["fsm.html", *SHORT, "-o", "fsm.html"], 2, "expected another file than the one that is shown"),
+        (["fsm.html", *SHORT, "-o", "fsm.html"], 2, "expected another file than the one that is read"),
         (["fsm.txt", *SHORT, "--video", "film.gif", "-o", "x.html"], 2, "expected --video or -o, not both"),
         (["log.jsonl", "--set", "robots=2"], 2, "--set needs --mission"),
         (["log.jsonl"], 1, "log.jsonl"),

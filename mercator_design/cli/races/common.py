@@ -36,7 +36,7 @@ from mercator_design.report.columns import with_notes_wrapped
 from mercator_design.report.page.page import REPORT
 from mercator_design.report.progress import Mode, RaceDisplay
 from mercator_design.report.summary import race_summary
-from mercator_design.runs.files import RESUMED_BY, read_provenance
+from mercator_design.runs.files import read_provenance, resume_command
 from mercator_design.runs.folder import RunFolder
 from mercator_design.runs.provenance import Request
 
@@ -116,7 +116,7 @@ def reopen(path: Path, task: str) -> RunFolder:
     """Open the folder of a race to resume, of the given task."""
     found = str(read_provenance(path).race["task"])
     if found != task:
-        raise click.UsageError(f"{path} is the race of a {found}: resume it with {RESUMED_BY[found]} --resume")
+        raise click.UsageError(f"{path} is the race of a {found}: resume it with {resume_command(path, found)}")
     return RunFolder.reopen(path)
 
 
@@ -153,7 +153,7 @@ def run(
         print_note(f"Note: {note}")
     folder.journal.open_session(executor_name, jobs)
     experiments, tests = len(record.experiments), len(record.tests)
-    resume = f"mdesign {click.get_current_context().info_name} --resume {shlex.quote(str(folder.path))}"
+    resume = resume_command(folder.path, record.start["task"])
     race = RaceRun(
         folder.task,
         executor,

@@ -2,13 +2,20 @@
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from mercator_design.cli.inputs import Given, new_simulator, simulator_of, warn_of_mission, warn_of_no_effect
+from mercator_design.cli.inputs import (
+    Given,
+    check_apart,
+    new_simulator,
+    simulator_of,
+    warn_of_mission,
+    warn_of_no_effect,
+)
 from mercator_design.cli.options import CONTROLLER, FSM, seed_of
 from mercator_design.command import print_message, read_controller, warn
 from mercator_design.fsm.files import FsmFile
@@ -85,7 +92,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
             if value and kind != wanted:
                 raise click.UsageError(f"{option} needs {wanted} as the first file, found {kind}: {first}")
         for path in filter(None, (others.get("output"), others.get("video"))):
-            _check_apart(path, (*sources, *compare, *filter(None, [fsm])))
+            check_apart(path, (*sources, *compare, *filter(None, [fsm])))
         given: Given = {"mission": mission, "robot_model": robot_model, "overrides": overrides}
         read = functools.partial(read_controller, flavour=flavour, lenient=lenient)
         if kind == "FSM":
@@ -110,13 +117,6 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
         verb(shown=[shown], **others)
 
     return with_experiments
-
-
-def _check_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Check that what is written replaces nothing that is read."""
-    for path in inputs:
-        if output.exists() and path.exists() and output.samefile(path):
-            raise click.UsageError(f"{output}: expected another file than the one that is shown")
 
 
 def _simulated(files: list[Path], read: Callable[[Path], FsmFile], given: Given, seed: int) -> list[ShownExperiment]:

@@ -176,11 +176,15 @@ class Journal:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with contextlib.suppress(OSError, RaceError):  # the first error matters more
-            if kind is not None:
-                self.note(SessionStopped(why=kind.__name__, time=now()))
-            self.sync()
-        os.close(self._file)
+        try:
+            if kind is None:
+                self._sync_or_fail()
+            else:
+                with contextlib.suppress(OSError, RaceError):  # the first error matters more
+                    self.note(SessionStopped(why=kind.__name__, time=now()))
+                    self.sync()
+        finally:
+            os.close(self._file)
 
     def open_session(self, executor: str = "", jobs: int = 0) -> None:
         """Record that this process begins to work on the race, with an executor of this name."""
@@ -230,10 +234,19 @@ class Journal:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, self._length)
-            raise RaceError(
-                f"{self.path.parent}: results cannot be written: {error.strerror}; finished experiments are in "
-                f"{self.path.name}; resume the race when there is space"
-            ) from None
+            raise self._unwritten(error) from None
+
+    def _sync_or_fail(self) -> None:
+        try:
+            self.sync()
+        except OSError as error:
+            raise self._unwritten(error) from None
+
+    def _unwritten(self, error: OSError) -> RaceError:
+        return RaceError(
+            f"{self.path.parent}: results cannot be written: {error.strerror}; finished experiments are in "
+            f"{self.path.name}; resume the race when there is space"
+        )
 
     def _lock(self) -> None:
         try:

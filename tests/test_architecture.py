@@ -48,6 +48,15 @@ def test_limits_are_max_and_min_and_tell_only_takes_costs():
     assert names == {"tell", "_most_informative", "stop_when_told", "robots_where_told"}  # missions have the last two
 
 
+def test_classes_have_names_of_their_own():
+    """Except that a device's model shares its name with its tuple in the kernels, and a space with Chipmunk's."""
+    defined = re.compile(r"^ *class ([A-Z]\w*)", re.MULTILINE)
+    modules = (ROOT / "mercator_design").rglob("*.py")
+    times = Counter(name for module in modules for name in defined.findall(module.read_text()))
+    shared = {"Ground", "Lidar", "Light", "Neighbours", "Physics", "Proximity", "Space"}
+    assert {name for name, count in times.items() if count > 1} == shared
+
+
 def blocks(language):
     pattern = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
     return [

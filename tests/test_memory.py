@@ -11,7 +11,7 @@ import pytest
 from mercator_design.errors import lack_of_memory
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
+from mercator_design.race.irace.target_runner import RunnerCall, Target, TargetFailed
 from mercator_design.race.running.events import Measurement
 from mercator_design.race.running.outcome import ExperimentFailed
 from mercator_design.race.running.record import Record
@@ -148,6 +148,6 @@ class TestWorkers:
             raise OSError(number, os.strerror(number))
 
         monkeypatch.setattr(subprocess, "Popen", full)
-        call = Call(configuration=1, instance_id="1", seed=1, instance="i", arguments="")
+        call = RunnerCall(configuration=1, instance_id="1", seed=1, instance="i", arguments="")
         with pytest.raises(error):
             Target(runner=tmp_path / "r", folder=tmp_path)(call)

@@ -31,7 +31,7 @@ exit $code
 
 
 @dataclass(frozen=True)
-class Start:
+class JointStart:
     """The result of a joint start."""
 
     results: list[RobotOutcome]  # on each robot
@@ -40,7 +40,7 @@ class Start:
     uncertainty: float = 0.0  # [s] of `spread`
 
 
-def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) -> Start:
+def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) -> JointStart:
     """Run what was copied on all robots.
 
     Args:
@@ -66,8 +66,8 @@ def start(fleet: Fleet, options: Iterable[str], timeout: float, cycle: float) ->
                     _turn(leader, robots)
         if not leader.why:
             spread, uncertainty = leader.spread()
-            return Start([*_running(fleet, leader)], "", spread, uncertainty)
-        return Start([*_resting(fleet, leader, robots, timeout)], leader.reason)
+            return JointStart([*_running(fleet, leader)], "", spread, uncertainty)
+        return JointStart([*_resting(fleet, leader, robots, timeout)], leader.reason)
 
 
 def _turn(leader: Leader, robots: Mapping[str, Conversation]) -> None:

@@ -16,7 +16,7 @@ from mercator_design.race.running.journal import now
 from mercator_design.serve.jobs.operations import LimitReached
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.records import Records, new_id
-from mercator_design.serve.settings import Limits, ServiceError
+from mercator_design.serve.settings import ServiceError, UserLimits
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class Designs(Records[Design]):
         OSError: The folder cannot be used.
     """
 
-    def __init__(self, folder: Path, limits: Limits) -> None:
+    def __init__(self, folder: Path, limits: UserLimits) -> None:
         super().__init__(folder, Design, "design.json")
         self._limits = limits
         self._lock = threading.RLock()

@@ -18,7 +18,7 @@ _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"  # no characters that look alike
 _MAX_SIZE = 4 * 1024 * 1024  # bytes of a text
 
 
-class Record(Protocol):
+class StoredRecord(Protocol):
     """A dataclass with an id, which is the name of its folder."""
 
     @property
@@ -26,7 +26,7 @@ class Record(Protocol):
         """Its id."""
 
 
-R = TypeVar("R", bound=Record)
+R = TypeVar("R", bound=StoredRecord)
 
 
 class Records(Generic[R]):

@@ -20,7 +20,7 @@ class ServiceError(MercatorError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class UserLimits:
     """What a user may ask for."""
 
     budget: _Count = 100_000  # experiments of a job
@@ -37,7 +37,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class ServiceSettings:
     """The contents of serve.yaml."""
 
     schema: Literal[1] = 1  # version of this format
@@ -52,14 +52,14 @@ class Settings:
     ] = ()  # Python files with objectives and dynamics; they run as the service's user
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
     proxies: tuple[str, ...] = ("127.0.0.1", "::1")  # addresses or networks of the proxy, for --behind-proxy
-    limits: Limits = Limits()
+    limits: UserLimits = UserLimits()
 
 
-def load_settings(folder: Path) -> Settings:
+def load_settings(folder: Path) -> ServiceSettings:
     """The settings in the file of a folder; without a file, the defaults.
 
     Raises:
         ServiceError: with file, line and key.
     """
     file = folder / FILE
-    return read(file, Settings, error=ServiceError) if file.exists() else Settings()
+    return read(file, ServiceSettings, error=ServiceError) if file.exists() else ServiceSettings()

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from mercator_design.race.executors.executor import Rejected, attempt
-from mercator_design.race.irace.target_runner import Call, Target, TargetFailed
+from mercator_design.race.irace.target_runner import RunnerCall, Target, TargetFailed
 from tests.processes import LIMIT, wait_until
 
-CALL = Call(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")
+CALL = RunnerCall(configuration=7, instance_id="2", seed=42, instance="a.tsp --opt 'x y'", arguments="--a 1 --b=two")
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_a_program_that_cannot_be_run(tmp_path):
 
 
 def test_quotes_that_are_not_closed(tmp_path, program):
-    call = Call(configuration=1, instance_id="1", seed=1, instance="it's", arguments="")
+    call = RunnerCall(configuration=1, instance_id="1", seed=1, instance="it's", arguments="")
     with pytest.raises(TargetFailed, match="quotes are closed"):
         Target(runner=program("echo 1"), folder=tmp_path)(call)
 

@@ -13,7 +13,7 @@ from mercator_design.cli.races.reporting import latest_report
 from mercator_design.errors import RaceError
 from mercator_design.race.running.journal import Journal
 from mercator_design.report.page import follow, page
-from mercator_design.report.page.follow import HOST, Follower
+from mercator_design.report.page.follow import HOST, FollowServer
 from tests.processes import LIMIT
 
 pytestmark = pytest.mark.together
@@ -45,7 +45,7 @@ def running(folder):
 
 @pytest.fixture
 def server(folder, running):
-    with Follower(folder, lambda: "the whole report") as follower:
+    with FollowServer(folder, lambda: "the whole report") as follower:
         thread = threading.Thread(target=follower.serve)
         thread.start()
         yield follower
@@ -101,7 +101,7 @@ class TestAnswers:
 
 class TestEnd:
     def test_it_ends_with_the_race_when_a_page_has_the_report(self, folder):
-        with Journal(folder / "journal.jsonl", new=False) as journal, Follower(folder, lambda: "report") as server:
+        with Journal(folder / "journal.jsonl", new=False) as journal, FollowServer(folder, lambda: "report") as server:
             thread = threading.Thread(target=server.serve)
             thread.start()
             fcntl.flock(journal._file, fcntl.LOCK_UN)
@@ -114,7 +114,7 @@ class TestEnd:
         def fail():
             raise RaceError("r/fsm.txt: damaged")
 
-        with Journal(folder / "journal.jsonl", new=False) as journal, Follower(folder, fail) as server:
+        with Journal(folder / "journal.jsonl", new=False) as journal, FollowServer(folder, fail) as server:
             thread = threading.Thread(target=server.serve)
             thread.start()
             fcntl.flock(journal._file, fcntl.LOCK_UN)
@@ -124,7 +124,7 @@ class TestEnd:
 
     def test_or_some_time_later(self, folder, monkeypatch):
         monkeypatch.setattr(follow, "_FAREWELL", 0.0)
-        with Journal(folder / "journal.jsonl", new=False) as journal, Follower(folder, lambda: "") as server:
+        with Journal(folder / "journal.jsonl", new=False) as journal, FollowServer(folder, lambda: "") as server:
             fcntl.flock(journal._file, fcntl.LOCK_UN)
             server.serve()
 
@@ -135,15 +135,15 @@ class TestEnd:
 
     @pytest.mark.usefixtures("running")
     def test_a_port_that_is_taken(self, folder):
-        with Follower(folder, lambda: "") as server, pytest.raises(RaceError, match="give another --port"):
-            Follower(folder, lambda: "", server.server_port)
+        with FollowServer(folder, lambda: "") as server, pytest.raises(RaceError, match="give another --port"):
+            FollowServer(folder, lambda: "", server.server_port)
 
     @pytest.mark.usefixtures("running")
     def test_ctrl_c(self, folder, mdesign, monkeypatch):
         def interrupted(_):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(Follower, "serve", interrupted)
+        monkeypatch.setattr(FollowServer, "serve", interrupted)
         code, out, err = mdesign("report", folder, "--follow")
         assert (code, err.strip()) == (130, "Interrupted.")
         assert out.startswith(f"http://{HOST}:")

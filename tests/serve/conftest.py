@@ -8,7 +8,7 @@ from mercator_design.serve.app import guarded
 from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
-from mercator_design.serve.settings import Settings
+from mercator_design.serve.settings import ServiceSettings
 from tests.processes import LIMIT
 from tests.serve.races import BUDGET, House
 from tests.serve.serving import serving
@@ -73,7 +73,7 @@ class SharedDesk:
 @pytest.fixture(scope="session", autouse=True)
 def shared_helpers(tmp_path_factory):
     """Services with the usual settings share one helper, slow to start; it has time on a busy machine."""
-    usual = Settings()
+    usual = ServiceSettings()
     limits = (usual.helpers, usual.helper_seconds, usual.helper_memory, usual.plugins)
     desk = Desk(1, LIMIT, usual.helper_memory, usual.plugins, tmp_path_factory.mktemp("helpers"))
 

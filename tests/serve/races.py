@@ -4,11 +4,11 @@ import shutil
 
 from mercator_design.race.running.journal import Journal
 from mercator_design.serve.jobs.index import Index
-from mercator_design.serve.jobs.job import Request
+from mercator_design.serve.jobs.job import Submission
 from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
-from mercator_design.serve.settings import SERVICE, Limits, Settings
+from mercator_design.serve.settings import SERVICE, ServiceSettings, UserLimits
 
 BUDGET = 60
 """Of the race that the fixture `raced` has run."""
@@ -36,8 +36,8 @@ class House:
 
     def __init__(self, data, raced, **settings):
         self.data, self.raced = data, raced
-        self.limits = settings.pop("limits", Limits())
-        self.settings = Settings(limits=self.limits, **settings)
+        self.limits = settings.pop("limits", UserLimits())
+        self.settings = ServiceSettings(limits=self.limits, **settings)
         self.time, self.free = 0.0, 10**12
         self.processes, self.started = {}, []
         self.open()
@@ -61,7 +61,7 @@ class House:
 
     def submit(self, owner="ann", *, name="aggregation", budget=BUDGET, text=None, key="", **request):
         """The identity of a new job."""
-        wanted = Request(mission="" if text is not None else name, budget=budget, **request)
+        wanted = Submission(mission="" if text is not None else name, budget=budget, **request)
         return self.jobs.submit(owner, name, "maximise", wanted, text, key).id
 
     def _launch(self, job):

@@ -6,7 +6,7 @@ from mercator_design.fsm.files import read_fsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.serve.designs import Designs
 from mercator_design.serve.jobs.operations import LimitReached
-from mercator_design.serve.settings import Limits, ServiceError
+from mercator_design.serve.settings import ServiceError, UserLimits
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission
 
 pytestmark = pytest.mark.together
@@ -147,19 +147,19 @@ class TestChange:
 class TestFiles:
     def test_a_service_that_starts_again_knows_them(self, ann, service):
         design = save(ann, "kept", shared=True)
-        again = Designs(service.data / ".service" / "designs", Limits())
+        again = Designs(service.data / ".service" / "designs", UserLimits())
         assert again.get(design["id"]) == service.designs.get(design["id"])
 
     def test_what_cannot_be_read_is_left_out(self, tmp_path, caplog):
         for name, text in (("a", "{"), ("b", "[" * 5000), ("c", '{"id": "x"}'), ("d", "")):
             (tmp_path / name).mkdir()
             (tmp_path / name / "design.json").write_text(text)
-        assert Designs(tmp_path, Limits()).find(None) == []
+        assert Designs(tmp_path, UserLimits()).find(None) == []
         assert len(caplog.messages) == 4
 
     def test_limit(self, service, ann, tmp_path):
         design = service.designs.get(save(ann)["id"])
-        few = Designs(tmp_path / "designs", Limits(designs=1))
+        few = Designs(tmp_path / "designs", UserLimits(designs=1))
         few.create(design, FSM, "")
         with pytest.raises(LimitReached, match="at most 1 designs of ann, found 1"):
             few.create(design, FSM, "")

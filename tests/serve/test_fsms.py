@@ -15,7 +15,7 @@ from mercator_design.fsm.text import to_text
 from mercator_design.serve.desk.desk import Busy
 from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.experiment import ShownExperiment
 from mercator_design.view.replay import replay_of
@@ -320,7 +320,7 @@ class TestReplay:
     def test_a_floor_that_changes_too_often(self, monkeypatch):
         blink = "{name: schedule, zones: [spot], times: [0.1, 0.2], colors: [white, black], every: 0.2}"
         mission = MissionSource(name="aggregation", overrides=("duration=3", f"floor.dynamics=[{blink}]"))
-        machines = Machines(fsms=(FsmSource(name="one", text=STOP),) * 2, mission=mission, limits=Limits())
+        machines = Machines(fsms=(FsmSource(name="one", text=STOP),) * 2, mission=mission, limits=UserLimits())
         n = sum(len(one["header"]["floor"]["changes"]) for one in replays(machines, 1))
         monkeypatch.setattr("mercator_design.serve.desk.machines._MAX_CHANGES", n - 1)
         with pytest.raises(MissionError, match=f"at most {n - 1:,} changes of zones in a replay, found {n:,}"):

@@ -3,11 +3,11 @@ from contextlib import closing
 
 import pytest
 
-from mercator_design.serve.jobs.index import ORDERS, Index, Row
+from mercator_design.serve.jobs.index import ORDERS, Index, IndexRow
 
 
 def row(identity, owner="ann", **given):
-    return Row(**{"id": identity, "owner": owner, "name": "aac", "state": "queued"} | given)
+    return IndexRow(**{"id": identity, "owner": owner, "name": "aac", "state": "queued"} | given)
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from mercator_design.config import shipped
 from mercator_design.serve.desk import estimates
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.http.schemas import MAX_TEXT
-from mercator_design.serve.jobs.job import Request
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.settings import UserLimits
 
 TEXT = shipped.missions()["foraging"].read_text()
 SMALL = ["duration=2", "robots=2"]
@@ -140,7 +140,9 @@ def test_an_estimate(client):
 def test_an_estimate_follows_from_the_times_of_experiments(monkeypatch):
     monkeypatch.setattr(estimates, "_times", lambda *_: (0.1, 0.1, 0.1, 0.1))
     costs = [
-        estimates.cost_of(Request(mission="foraging", budget=budget), MissionSource(name="foraging"), Limits(), cores)
+        estimates.cost_of(
+            Submission(mission="foraging", budget=budget), MissionSource(name="foraging"), UserLimits(), cores
+        )
         for budget, cores in ((1000, 1), (10_000, 1), (10_000, 10))
     ]
     assert [one.experiment for one in costs] == [pytest.approx(0.1)] * 3

@@ -1,14 +1,14 @@
 import pytest
 
-from mercator_design.serve.settings import Limits, ServiceError, Settings, load_settings
+from mercator_design.serve.settings import ServiceError, ServiceSettings, UserLimits, load_settings
 
 
 def test_all_keys_may_be_left_out(tmp_path):
-    assert load_settings(tmp_path) == Settings()
+    assert load_settings(tmp_path) == ServiceSettings()
     (tmp_path / "serve.yaml").write_text("hosts: [lab.example.org]\nlimits: {streams: 3}\n")
-    assert load_settings(tmp_path) == Settings(hosts=("lab.example.org",), limits=Limits(streams=3))
+    assert load_settings(tmp_path) == ServiceSettings(hosts=("lab.example.org",), limits=UserLimits(streams=3))
     (tmp_path / "serve.yaml").write_text("races: 2\n")
-    assert load_settings(tmp_path) == Settings(races=2)
+    assert load_settings(tmp_path) == ServiceSettings(races=2)
 
 
 def test_the_memory_of_a_helper_is_that_of_its_modules_at_least(tmp_path):

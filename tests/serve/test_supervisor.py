@@ -15,7 +15,7 @@ from mercator_design.race.running.journal import Reading
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.races import check_place
 from mercator_design.serve.jobs.running import Running
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import UserLimits
 from tests.serve.races import BUDGET, House, locked
 
 
@@ -166,7 +166,7 @@ def test_a_report_that_was_interrupted_is_written_later(house, by):
 
 
 def test_a_report_that_takes_too_long_fails_its_job(furnished):
-    house = furnished(limits=Limits(hours=1))
+    house = furnished(limits=UserLimits(hours=1))
     job = house.submit()
     house.tick()
     house.race(job)
@@ -338,7 +338,7 @@ def test_index_deleted_or_damaged(house):
 
 
 def test_disk_full_and_space_again(furnished):
-    house = furnished(limits=Limits(free_disk=200))
+    house = furnished(limits=UserLimits(free_disk=200))
     running, waiting = house.submit(), house.submit()
     house.tick()
     house.free = 10**8
@@ -434,7 +434,7 @@ def test_a_submission_that_cannot_be_listed_is_not_kept(house, monkeypatch):
 
 
 def test_time_limit(furnished):
-    house = furnished(limits=Limits(hours=1))
+    house = furnished(limits=UserLimits(hours=1))
     job = house.submit()
     house.tick()
     house.tick(3590)
@@ -451,7 +451,7 @@ def test_time_limit(furnished):
 
 
 def test_the_time_limit_survives_a_crash(furnished):
-    house = furnished(limits=Limits(hours=1))
+    house = furnished(limits=UserLimits(hours=1))
     job = house.submit()
     house.tick()
     for _ in range(35):
@@ -480,7 +480,7 @@ def test_fair_share_between_users(furnished):
 
 
 def test_running_jobs_of_a_user_are_limited(furnished):
-    house = furnished(races=3, limits=Limits(running=1))
+    house = furnished(races=3, limits=UserLimits(running=1))
     ann = [house.submit("ann") for _ in range(3)]
     bob = house.submit("bob")
     house.tick()
@@ -508,7 +508,7 @@ def test_idempotency(house):
 
 
 def test_jobs_of_a_user_are_limited(furnished):
-    house = furnished(limits=Limits(jobs=2, budget=100))
+    house = furnished(limits=UserLimits(jobs=2, budget=100))
     house.submit()
     job = house.submit()
     with pytest.raises(LimitReached, match="expected at most 2 jobs of ann that have not ended, found 2"):
@@ -523,7 +523,7 @@ def test_jobs_of_a_user_are_limited(furnished):
 
 
 def test_a_job_that_goes_on_is_within_the_limits(furnished):
-    house = furnished(limits=Limits(jobs=1, disk=1))
+    house = furnished(limits=UserLimits(jobs=1, disk=1))
     failed = house.submit(text="#" * 600_000)
     house.tick()
     house.end(failed, 1)
@@ -549,7 +549,7 @@ def test_a_job_that_goes_on_is_within_the_limits(furnished):
 
 
 def test_a_job_that_is_submitted_while_the_disk_is_looked_at_counts(furnished, monkeypatch):
-    house = furnished(limits=Limits(jobs=1))
+    house = furnished(limits=UserLimits(jobs=1))
     failed = house.submit()
     house.tick()
     house.end(failed, 1)

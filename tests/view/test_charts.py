@@ -9,8 +9,8 @@ import pytest
 from mercator_design.view.charts import (
     Axis,
     Bars,
+    Curve,
     Dot,
-    Line,
     Thread,
     bar_chart,
     heat_map,
@@ -24,7 +24,9 @@ from mercator_design.view.charts import (
 NASTY = "<script>alert(1)</script>\u202e\x1b[31m" + "x" * 10_000
 CHARTS = {
     "lines": lambda name: line_chart(
-        [Line(name, [0, 1, 2], [3, 5, 4], [2, 4, 3], [4, 6, 5]), Line("other", [0], [1])], Axis(name), Axis(name, name)
+        [Curve(name, [0, 1, 2], [3, 5, 4], [2, 4, 3], [4, 6, 5]), Curve("other", [0], [1])],
+        Axis(name),
+        Axis(name, name),
     ),
     "bars": lambda name: bar_chart([name, "b"], [Bars(name, [1, 2]), Bars("other", [3, 4])], Axis(name), Axis(name)),
     "dots": lambda name: interval_chart([Dot(name, 2, 1, 3, [1, 2, 3], "p = 1")], Axis(name)),

@@ -44,9 +44,9 @@ def report(
 
 
 def _follow(directory: Path, port: int) -> None:
-    from mercator_design.report.page.follow import Follower
+    from mercator_design.report.page.follow import FollowServer
 
-    with Follower(directory, lambda: latest_report(directory), port) as server:
+    with FollowServer(directory, lambda: latest_report(directory), port) as server:
         print_result(server.address)
         server.serve()
     print_message(f"The race of {directory} does not run any more; `mdesign report {directory}` writes its report")

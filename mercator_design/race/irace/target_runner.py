@@ -35,7 +35,7 @@ _MAX_SHOWN = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Call:
+class RunnerCall:
     """The arguments of a run of the target runner."""
 
     configuration: int
@@ -86,7 +86,7 @@ class Target:
     stop: threading.Event = field(default_factory=threading.Event, compare=False)
     n_started: Count = field(default_factory=Count, compare=False)
 
-    def command(self, call: Call) -> list[str]:
+    def command(self, call: RunnerCall) -> list[str]:
         """The program and its arguments.
 
         Raises:
@@ -107,12 +107,12 @@ class Target:
         line = re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), line)  # not in what is put in
         return [str(self.launcher or self.runner), *_split(line)]
 
-    def evaluation(self, call: Call, alive: Sequence[int]) -> list[str]:
+    def evaluation(self, call: RunnerCall, alive: Sequence[int]) -> list[str]:
         """The evaluator and its arguments; `alive` has the configurations that have run on the instance."""
         words = [str(call.configuration), call.instance_id, str(call.seed), *_split(call.instance)]
         return [str(self.evaluator), *words, str(len(alive)), *map(str, alive)]
 
-    def evaluate(self, call: Call, alive: Sequence[int]) -> Measurement:
+    def evaluate(self, call: RunnerCall, alive: Sequence[int]) -> Measurement:
         """The cost of an experiment that has run; the evaluator may compare it with others.
 
         Raises:
@@ -122,7 +122,7 @@ class Target:
         command = self.evaluation(call, alive)
         return _accepted(call, _cost(*self._numbers(command), command), "target evaluator")
 
-    def __call__(self, call: Call) -> Measurement:
+    def __call__(self, call: RunnerCall) -> Measurement:
         """The cost of an experiment; if there is an evaluator, the experiment only runs, and the cost is 0.
 
         Raises:
@@ -139,7 +139,7 @@ class Target:
                 break
         return _accepted(call, cost, "target runner")
 
-    def _run(self, call: Call) -> float:
+    def _run(self, call: RunnerCall) -> float:
         command = self.command(call)
         self.n_started.add()
         numbers, printed = self._numbers(command)
@@ -215,7 +215,7 @@ def _cost(numbers: list[float], printed: str, command: list[str]) -> float:
     return numbers[0]
 
 
-def _accepted(call: Call, cost: float, who: str) -> Measurement:
+def _accepted(call: RunnerCall, cost: float, who: str) -> Measurement:
     if math.isinf(cost):
         raise Rejected(f"configuration {call.configuration}: the {who} rejects it by a cost of {cost}")
     return Measurement(cost, "")

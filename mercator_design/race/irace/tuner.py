@@ -15,7 +15,7 @@ from mercator_design.race.executors.executor import Executor, ExecutorStopped
 from mercator_design.race.irace import configurations, scenario_text
 from mercator_design.race.irace.scenario import Scenario, read_scenario
 from mercator_design.race.irace.scenario_options import in_names_of_irace, of_races
-from mercator_design.race.irace.target_runner import Call
+from mercator_design.race.irace.target_runner import RunnerCall
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.table import METHODS, Method
@@ -32,7 +32,7 @@ _WRITTEN_SEPARATELY = {"parameterFile", "configurationsFile", "instances", "test
 }
 
 
-class Tuner(Task[Call]):
+class Tuner(Task[RunnerCall]):
     """Finds the parameters with the lowest mean cost of a scenario's program.
 
     Args:
@@ -121,12 +121,12 @@ class Tuner(Task[Call]):
         """End all running programs."""
         self.scenario.target.stop.set()
 
-    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> Call:
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> RunnerCall:
         """As `Problem.item`; tests use the test instances in turn, or the instances of the race with other seeds."""
         scenario, number = self.scenario, experiment.instance
         instances = (scenario.test_instances or scenario.instances) if test else scenario.instances
         place = number % len(instances) if test else self.place(number)
-        return Call(
+        return RunnerCall(
             configuration=experiment.configuration,
             instance_id=f"{place + 1}t" if instances is scenario.test_instances else f"{place + 1}",
             seed=self.test_seed(number) if test else self.seed(number),

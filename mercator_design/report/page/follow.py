@@ -39,7 +39,7 @@ _HEADERS = {
 }
 
 
-class Follower(ThreadingHTTPServer):
+class FollowServer(ThreadingHTTPServer):
     """A server for the race of a run folder; a context manager that closes it.
 
     Args:
@@ -128,7 +128,7 @@ class Follower(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     """Answers one request."""
 
-    server: Follower
+    server: FollowServer
 
     def do_GET(self) -> None:
         """Answer a GET; all else is refused by the library."""

@@ -14,7 +14,7 @@ from mercator_design.view.page import script_json
 from mercator_design.view.replay import Replay
 
 
-class Run(NamedTuple):
+class ShownRun(NamedTuple):
     """A run of the winner that is shown."""
 
     name: str
@@ -22,7 +22,7 @@ class Run(NamedTuple):
     score: float
 
 
-def chosen_runs(facts: Facts, proof: Proof | None) -> list[Run]:
+def chosen_runs(facts: Facts, proof: Proof | None) -> list[ShownRun]:
     """The median, best and worst run of the winner: of its tests, else of the proof, else of the race."""
     best = facts.best
     known = {one.seed: one.score for where, one in facts.record.tests.items() if where.configuration == best}
@@ -36,10 +36,10 @@ def chosen_runs(facts: Facts, proof: Proof | None) -> list[Run]:
     if not facts.task.maximise:
         scores.reverse()
     places = {"median": (len(scores) - 1) // 2, "best": len(scores) - 1, "worst": 0}
-    return [Run(name, scores[place][1], scores[place][0]) for name, place in places.items()]
+    return [ShownRun(name, scores[place][1], scores[place][0]) for name, place in places.items()]
 
 
-def run_again(facts: Facts, runs: Sequence[Run]) -> tuple[list[ShownExperiment], str]:
+def run_again(facts: Facts, runs: Sequence[ShownRun]) -> tuple[list[ShownExperiment], str]:
     """The runs again, to be shown; or none, and why."""
     designer, pfsm = facts.designer, None if facts.best is None else facts.pfsm(facts.best)
     if designer is None or pfsm is None:
@@ -57,7 +57,7 @@ def run_again(facts: Facts, runs: Sequence[Run]) -> tuple[list[ShownExperiment],
     return found, ""
 
 
-def replays(runs: Sequence[Run], shown: Sequence[Replay], without: str) -> Html:
+def replays(runs: Sequence[ShownRun], shown: Sequence[Replay], without: str) -> Html:
     """The section of the replays, a tab for each."""
     if not shown:
         return section("replays", "The winner at work", note(without) if without else "")

@@ -10,7 +10,7 @@ from mercator_design.robot.devices.ports import DeviceName, Line, open_port
 from mercator_design.robot.devices.settings import Settings
 
 
-class Finding(NamedTuple):
+class CheckResult(NamedTuple):
     """The result of a check or a step, with the remedy if something is wrong."""
 
     what: str  # what was checked, or the step
@@ -22,13 +22,13 @@ class Finding(NamedTuple):
     value: str = ""  # the result in few words, for a table
 
 
-DeviceCheck: TypeAlias = Callable[[Settings, Link], Iterator[Finding]]
+DeviceCheck: TypeAlias = Callable[[Settings, Link], Iterator[CheckResult]]
 """Checks a device over the link to it."""
 
 
 def check_devices(
     settings: Settings, checks: Mapping[DeviceName, DeviceCheck], patience: float = 0.0
-) -> Iterator[Finding]:
+) -> Iterator[CheckResult]:
     """Check each device over its port, waiting for the port for `patience` seconds at most; yield the findings."""
     end = time.monotonic() + patience
     for device, check in checks.items():
@@ -37,4 +37,4 @@ def check_devices(
                 yield from check(settings, Link([Line(device, port)]))
         except RobotError as error:
             words = str(error).removeprefix(f"{device}: ")
-            yield Finding(device, is_fine=False, words=words, device=device, quantity="presence", value="not found")
+            yield CheckResult(device, is_fine=False, words=words, device=device, quantity="presence", value="not found")

@@ -34,7 +34,7 @@ class RvrIdentity(NamedTuple):
         return versions | {"battery": charge(self.battery)}
 
 
-class Lidar(NamedTuple):
+class LidarIdentity(NamedTuple):
     """Identity and health of a lidar."""
 
     info: DeviceInfo | None  # None if no two answers were the same
@@ -94,7 +94,7 @@ def stop_rvr(link: Link) -> None:
     link.send_command("disable_notifications_and_active_commands")
 
 
-def start_lidar(link: Link) -> Lidar:
+def start_lidar(link: Link) -> LidarIdentity:
     """Start the lidar's motor and its scan; return its identity and health.
 
     Raises:
@@ -110,7 +110,7 @@ def start_lidar(link: Link) -> Lidar:
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
     info = _agreed(link, "device_info", DeviceInfo)
     link.exchange("lidar", partial(_behind_stop, "scan"), ScanStarted)
-    return Lidar(info, health.error_code if health.status else None)
+    return LidarIdentity(info, health.error_code if health.status else None)
 
 
 def _agreed(link: Link, command: str, kind: type[S]) -> S | None:

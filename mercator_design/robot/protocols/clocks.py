@@ -23,7 +23,7 @@ _READS = 10  # of both clocks of this computer at most
 _APART = 1e-4  # [s] within which both are read, unless the program is interrupted in all reads
 
 
-class Difference(NamedTuple):
+class ClockDifference(NamedTuple):
     """The difference between the clocks of this computer and those of another."""
 
     offset: float  # [s] to add to the other's monotonic clock to get this one's
@@ -96,7 +96,7 @@ class Clock:
     """The clock of another computer, measured by its answers."""
 
     def __init__(self) -> None:
-        self._found: deque[Difference] = deque(maxlen=_MAX_ANSWERS)
+        self._found: deque[ClockDifference] = deque(maxlen=_MAX_ANSWERS)
 
     def __len__(self) -> int:
         """The number of answers that are kept."""
@@ -112,9 +112,9 @@ class Clock:
         if not sent <= now:
             raise ValueError(f"expected an answer to a probe sent before {now}, found {sent}")
         middle = 0.5 * (sent + now)
-        self._found.append(Difference(middle - monotonic, day - day_of(middle), 0.5 * (now - sent)))
+        self._found.append(ClockDifference(middle - monotonic, day - day_of(middle), 0.5 * (now - sent)))
 
     @property
-    def difference(self) -> Difference:
+    def difference(self) -> ClockDifference:
         """The difference with the smallest uncertainty; without an answer it is infinite."""
-        return min(self._found, key=lambda found: found.uncertainty, default=Difference(0.0, 0.0, math.inf))
+        return min(self._found, key=lambda found: found.uncertainty, default=ClockDifference(0.0, 0.0, math.inf))

@@ -31,7 +31,7 @@ from typing import Any
 from mercator_design.robot.protocols.clocks import (
     PROBE,
     Clock,
-    Difference,
+    ClockDifference,
     answer,
     day_of,
     from_line,
@@ -151,7 +151,7 @@ class _Robot:
     """What the leader knows about a follower."""
 
     clock: Clock = field(default_factory=Clock)
-    difference: Difference = Difference(0.0, 0.0, math.inf)
+    difference: ClockDifference = ClockDifference(0.0, 0.0, math.inf)
     said: dict[str, dict[str, Any]] = field(default_factory=dict)
     heard: float = math.inf
     probed: float = -math.inf
@@ -251,7 +251,7 @@ class Leader:
         """The values of a robot's `ready`; empty if it has not been ready."""
         return self._robots[name].said.get("ready", {})
 
-    def difference(self, name: str) -> Difference:
+    def difference(self, name: str) -> ClockDifference:
         """The difference of a robot's clock when the start was sent."""
         return self._robots[name].difference
 

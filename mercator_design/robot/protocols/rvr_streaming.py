@@ -24,7 +24,7 @@ Attribute: TypeAlias = tuple[float, float] | range
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class StreamingService:
     """A service that processors can stream."""
 
     id: int
@@ -39,17 +39,17 @@ _CHANNEL, _HALF, _TICKS = range(256), range(2**32), range(-(2**31), 2**31)
 _IMU: dict[str, Attribute] = {"pitch": (-180.0, 180.0), "roll": (-90.0, 90.0), "yaw": (-180.0, 180.0)}
 _COLOR: dict[str, Attribute] = {**dict.fromkeys(("r", "g", "b", "index"), _CHANNEL), "confidence": (0.0, 1.0)}
 SERVICES = {
-    "quaternion": Service(0x0, _ST, 1, 4, dict.fromkeys("wxyz", (-1.0, 1.0))),
-    "imu": Service(0x1, _ST, 1, 4, _IMU),  # degrees
-    "accelerometer": Service(0x2, _ST, 1, 4, dict.fromkeys("xyz", (-16.0, 16.0))),  # g
-    "color_detection": Service(0x3, _NORDIC, 1, 1, _COLOR),
-    "gyroscope": Service(0x4, _ST, 1, 4, dict.fromkeys("xyz", (-2000.0, 2000.0))),  # degrees/s
-    "locator": Service(0x6, _ST, 2, 4, dict.fromkeys("xy", (-16000.0, 16000.0))),  # m
-    "velocity": Service(0x7, _ST, 2, 4, dict.fromkeys("xy", (-5.0, 5.0))),  # m/s
-    "speed": Service(0x8, _ST, 2, 4, {"speed": (0.0, 5.0)}),  # m/s
-    "core_time": Service(0x9, _BOTH, 3, 4, {"upper": _HALF, "lower": _HALF}),
-    "ambient_light": Service(0xA, _NORDIC, 2, 4, {"light": (0.0, 120000.0)}),  # lux
-    "encoders": Service(0xB, _ST, 2, 4, {"left": _TICKS, "right": _TICKS}),
+    "quaternion": StreamingService(0x0, _ST, 1, 4, dict.fromkeys("wxyz", (-1.0, 1.0))),
+    "imu": StreamingService(0x1, _ST, 1, 4, _IMU),  # degrees
+    "accelerometer": StreamingService(0x2, _ST, 1, 4, dict.fromkeys("xyz", (-16.0, 16.0))),  # g
+    "color_detection": StreamingService(0x3, _NORDIC, 1, 1, _COLOR),
+    "gyroscope": StreamingService(0x4, _ST, 1, 4, dict.fromkeys("xyz", (-2000.0, 2000.0))),  # degrees/s
+    "locator": StreamingService(0x6, _ST, 2, 4, dict.fromkeys("xy", (-16000.0, 16000.0))),  # m
+    "velocity": StreamingService(0x7, _ST, 2, 4, dict.fromkeys("xy", (-5.0, 5.0))),  # m/s
+    "speed": StreamingService(0x8, _ST, 2, 4, {"speed": (0.0, 5.0)}),  # m/s
+    "core_time": StreamingService(0x9, _BOTH, 3, 4, {"upper": _HALF, "lower": _HALF}),
+    "ambient_light": StreamingService(0xA, _NORDIC, 2, 4, {"light": (0.0, 120000.0)}),  # lux
+    "encoders": StreamingService(0xB, _ST, 2, 4, {"left": _TICKS, "right": _TICKS}),
 }
 """Services by name. Axes: x to the right, y forwards, z up; yaw is 0 forwards and positive to the left."""
 _BY_ID = {service.id: name for name, service in SERVICES.items()}

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from mercator_design.robot.devices.findings import Finding, check_devices
+from mercator_design.robot.devices.findings import CheckResult, check_devices
 from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.settings import Settings
@@ -12,27 +12,27 @@ from mercator_design.robot.run.network import Speaker
 _ENDING = 10.0  # [s] for a stopped run to close its ports; a run in its start-up takes longest
 
 
-def safe_stop(settings: Settings) -> Iterator[Finding]:
+def safe_stop(settings: Settings) -> Iterator[CheckResult]:
     """Stop the run in progress here, if it receives stops, then the RVR and the lidar, each by itself."""
     patience = 0.0
     if settings.swarm.port is not None:
         with Speaker(["127.0.0.1"], settings.swarm.port) as speaker:
             stopped, _ = speaker.stop()
         if stopped:
-            yield Finding("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
+            yield CheckResult("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
             patience = _ENDING
     yield from check_devices(settings, {"rvr": _stop_rvr, "lidar": _stop_lidar}, patience)
 
 
-def _stop_rvr(_: Settings, link: Link) -> Iterator[Finding]:
+def _stop_rvr(_: Settings, link: Link) -> Iterator[CheckResult]:
     link.send("rvr", 2 * halt(link))
     try:
         found = wake_rvr(link)  # an RVR that sleeps refuses the rest
     finally:
         stop_rvr(link)  # also if the RVR is not heard: it may hear
-    yield Finding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
+    yield CheckResult("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
 
 
-def _stop_lidar(_: Settings, link: Link) -> Iterator[Finding]:
+def _stop_lidar(_: Settings, link: Link) -> Iterator[CheckResult]:
     stop_lidar(link)
-    yield Finding("lidar", is_fine=True, words="stop sent")
+    yield CheckResult("lidar", is_fine=True, words="stop sent")

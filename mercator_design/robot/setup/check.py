@@ -6,7 +6,7 @@ from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mercator_design.robot.devices.findings import DeviceCheck, Finding, check_devices
+from mercator_design.robot.devices.findings import CheckResult, DeviceCheck, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import DeviceName, PortNames, sharing
@@ -45,7 +45,7 @@ _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, 
 _MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
-def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator[Finding, None, None]:
+def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator[CheckResult, None, None]:
     """Check all that a run needs, except devices `without`. Only the lidar moves."""
     yield check_clock(time.time())
     kernel = _text(_KERNEL)
@@ -56,7 +56,7 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator
     checks: dict[DeviceName, DeviceCheck] = {"rvr": _check_rvr, "lidar": _check_lidar, "proximity": _check_hub}
     yield from check_devices(settings, {device: each for device, each in checks.items() if device not in without})
     for device in without:
-        yield Finding(
+        yield CheckResult(
             device, is_fine=True, words="left out, by --without", device=device, quantity="presence", value="left out"
         )
 
@@ -69,7 +69,7 @@ def _text(path: Path) -> str:
         return ""
 
 
-def check_clock(now: float) -> Finding:
+def check_clock(now: float) -> CheckResult:
     """Check that the clock [s since 1970] was set, and not to a time before this program was installed."""
     date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
     here = Path(__file__)
@@ -79,21 +79,21 @@ def check_clock(now: float) -> Finding:
     elif _TIMESYNC.exists() and not (_TIMESYNC / "synchronized").exists():
         found = "was not set over the network since this computer was switched on"
     else:
-        return Finding("clock", is_fine=True, words=date)
-    return Finding(
+        return CheckResult("clock", is_fine=True, words=date)
+    return CheckResult(
         "clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: connect it to a network"
     )
 
 
-def check_console(port: str, kernel: str) -> Finding:
+def check_console(port: str, kernel: str) -> CheckResult:
     """Check that the system's console is not on the RVR's port, by the kernel's command line."""
     consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
     if _names(port).isdisjoint(consoles):
-        return Finding("console", is_fine=True, words=f"not on {port}")
-    return Finding("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
+        return CheckResult("console", is_fine=True, words=f"not on {port}")
+    return CheckResult("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
 
 
-def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
+def check_uart(port: str, kernel: str, config: str) -> Iterator[CheckResult]:
     """Check that the UART of a Pi's header is on and keeps its rate, by the kernel's command line and config.txt.
 
     There is no finding if the RVR is on another port, or the file is missing.
@@ -106,14 +106,14 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[Finding]:
         line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
     )
     if "8250.nr_uarts=0" in kernel.split() and "ttyS0" in _names(port):
-        yield Finding(
+        yield CheckResult(
             "uart", is_fine=False, words="8250.nr_uarts=0 hides it; remove that from the kernel's command line"
         )
     elif settings[-1:] == ["enable_uart=1"] or (not settings and without_bluetooth):
-        yield Finding("uart", is_fine=True, words="on")
+        yield CheckResult("uart", is_fine=True, words="on")
     else:
         words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
-        yield Finding("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
+        yield CheckResult("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
 
 
 def _for_all(config: str) -> list[str]:
@@ -127,7 +127,7 @@ def _for_all(config: str) -> list[str]:
     return lines
 
 
-def check_programs(port: str) -> Finding:
+def check_programs(port: str) -> CheckResult:
     """Check that no program runs that opens serial ports for modems, Braille displays or terminals."""
     found, rules = set(), _text(RULES)
     for process in _PROCESSES.glob("[0-9]*"):
@@ -140,29 +140,29 @@ def check_programs(port: str) -> Finding:
                 found.add("brltty opens adapters such as the lidar's: sudo apt remove brltty")
             case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
                 found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
-    return Finding("other programs", not found, "; ".join(sorted(found)) or "none that opens ports")
+    return CheckResult("other programs", not found, "; ".join(sorted(found)) or "none that opens ports")
 
 
-def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[Finding]:
+def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[CheckResult]:
     """Check that ports keep their names after the next start, except those of devices `without`."""
     for device in [each for each in NAMED if each not in without]:
         name = getattr(names, device)
         if rivals := sharing(name):
             advice = "name the one in robot.yaml by its usb: name, or run mercator-robot install"
             words = f"{name} may be any of {rivals}: {advice}"
-            yield Finding(f"{device}'s name", is_fine=False, words=words)
+            yield CheckResult(f"{device}'s name", is_fine=False, words=words)
 
 
 def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
 
 
-def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> Finding:  # noqa: ANN401 - its other fields
+def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> CheckResult:  # noqa: ANN401 - its other fields
     """A finding, with the remedy behind its words if something is wrong."""
-    return Finding(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
+    return CheckResult(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
 
 
-def _check_rvr(settings: Settings, link: Link) -> Iterator[Finding]:
+def _check_rvr(settings: Settings, link: Link) -> Iterator[CheckResult]:
     found = wake_rvr(link)
     words = found.words()
     for processor, min_version in _MIN_FIRMWARE.items():
@@ -191,14 +191,16 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[Finding]:
     yield _judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
 
 
-def _of_motors(heat: Mapping[str, Any]) -> Finding:
+def _of_motors(heat: Mapping[str, Any]) -> CheckResult:
     temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
     hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
     remedy = f"{' and '.join(hot)} too hot: let it cool, and leave the RVR switched on"
     return _judged("motors", not hot, f"{temperatures} degrees", remedy)
 
 
-def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None) -> Finding:
+def _of_line(
+    device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None
+) -> CheckResult:
     """The finding on a device's line: the share of its data that arrived whole since the counts `before`."""
     received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts()[device], strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
@@ -211,15 +213,15 @@ def _of_line(device: DeviceName, settings: Settings, link: Link, before: Counts,
     return _judged(f"{device}'s line", is_fine, words, remedy, device=device, quantity="line", value=value)
 
 
-def _check_lidar(settings: Settings, link: Link) -> Iterator[Finding]:
+def _check_lidar(settings: Settings, link: Link) -> Iterator[CheckResult]:
     turns, sweep = Turns(), Sweep()
     try:
         started = start_lidar(link)
         facts = started.words()
-        yield Finding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
+        yield CheckResult("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
         if started.warning is not None:
             words = f"{facts['lidar_health']}; take its power away for a moment"
-            yield Finding("lidar's health", is_fine=False, words=words)
+            yield CheckResult("lidar's health", is_fine=False, words=words)
         link.discard()  # turns from before the start
         next(_sights(link, turns, sweep), None)  # the motor starts
         before, begin = link.counts()["lidar"], sweep.swept
@@ -235,7 +237,9 @@ def _check_lidar(settings: Settings, link: Link) -> Iterator[Finding]:
         _, seen = sights[len(sights) // 2]
         sees = seen >= MIN_READINGS
         advice = "" if sees else "; is there nothing at its height, or has its laser failed? Hold something before it"
-        yield Finding("lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees)
+        yield CheckResult(
+            "lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees
+        )
 
 
 def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int]]:
@@ -252,7 +256,7 @@ def _rate(times: Sequence[float]) -> float:
     return (len(times) - 1) / max(times[-1] - times[0], 0.75 * DURATION) if times else 0.0
 
 
-def _check_hub(settings: Settings, link: Link) -> Iterator[Finding]:
+def _check_hub(settings: Settings, link: Link) -> Iterator[CheckResult]:
     start_hub(link)
     link.discard()
     before = link.counts()["proximity"]
@@ -269,4 +273,4 @@ def _check_hub(settings: Settings, link: Link) -> Iterator[Finding]:
         is_fine = bool(last.mask >> i & 1)
         seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
         words = f"{seen}; hold a hand before it to see whether it is this one" if is_fine else "off; plug it in"
-        yield Finding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
+        yield CheckResult(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from mercator_design.designer import Designer
 from mercator_design.serve.desk.sources import MissionSource
-from mercator_design.serve.jobs.job import Request
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.simulate import Simulator
 
 _SECONDS = 2.0
@@ -43,7 +43,7 @@ class Cost:
     seconds: tuple[float, float]
 
 
-def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int) -> Cost:
+def cost_of(request: Submission, source: MissionSource, limits: UserLimits, cores: int) -> Cost:
     """The computing time of the race of a job.
 
     Args:
@@ -73,7 +73,7 @@ def cost_of(request: Request, source: MissionSource, limits: Limits, cores: int)
 
 
 @functools.lru_cache(maxsize=64)
-def _times(source: MissionSource, flavour: str, limits: Limits) -> tuple[float, ...]:
+def _times(source: MissionSource, flavour: str, limits: UserLimits) -> tuple[float, ...]:
     """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
     simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MAX_RUNS * 100, seed=1, flavour=flavour, method="random")

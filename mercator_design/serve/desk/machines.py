@@ -17,7 +17,7 @@ from mercator_design.race.racing.summary import Scores
 from mercator_design.report.evaluations import Comparison, Evaluated, comparison_data
 from mercator_design.report.page.markup import p_text
 from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.simulate import Simulator
 from mercator_design.view.charts import Axis, Dot, interval_chart
@@ -38,7 +38,7 @@ class Machines:
 
     fsms: tuple[FsmSource, ...]
     mission: MissionSource
-    limits: Limits
+    limits: UserLimits
 
     def read(self) -> tuple[Simulator, list[FsmFile]]:
         """The simulator, and the FSMs.
@@ -53,7 +53,9 @@ class Machines:
         return simulator, found
 
 
-def checked(fsm: FsmSource, mission: MissionSource | None, limits: Limits, *, narrow: bool = False) -> dict[str, Any]:
+def checked(
+    fsm: FsmSource, mission: MissionSource | None, limits: UserLimits, *, narrow: bool = False
+) -> dict[str, Any]:
     """What is to be said of an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it.
 
     Raises:
@@ -84,7 +86,7 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     }
 
 
-def best_of(job: FsmSource, mission: MissionSource, limits: Limits) -> dict[str, Any]:
+def best_of(job: FsmSource, mission: MissionSource, limits: UserLimits) -> dict[str, Any]:
     """The winner of a job, or its best so far, with its forms.
 
     Raises:

@@ -12,8 +12,8 @@ from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.report.missions import facts_of
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
 from mercator_design.serve.desk.sources import MissionSource, text_without_files
-from mercator_design.serve.jobs.job import Request
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of
 
@@ -61,7 +61,7 @@ def warm_up() -> None:
     Simulator(load_mission("aggregation")).rehearse(announce=lambda _: None)
 
 
-def checked_request(request: Request, source: MissionSource, limits: Limits) -> CheckedMission:
+def checked_request(request: Submission, source: MissionSource, limits: UserLimits) -> CheckedMission:
     """Check the mission of a job, and that a race of it can begin.
 
     Raises:
@@ -78,7 +78,7 @@ def checked_request(request: Request, source: MissionSource, limits: Limits) -> 
     )
 
 
-def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview:
+def review(source: MissionSource, flavour: str, limits: UserLimits) -> MissionReview:
     """All that can be said of a mission, which may have mistakes.
 
     Raises:
@@ -109,7 +109,7 @@ def review(source: MissionSource, flavour: str, limits: Limits) -> MissionReview
 
 
 @lru_cache(maxsize=32)
-def picture(source: MissionSource, limits: Limits, seed: int, kind: Literal["png", "svg"]) -> bytes:
+def picture(source: MissionSource, limits: UserLimits, seed: int, kind: Literal["png", "svg"]) -> bytes:
     """A user's mission seen from above; remembered, because the page of a new job shows the same again and again.
 
     Raises:
@@ -120,7 +120,7 @@ def picture(source: MissionSource, limits: Limits, seed: int, kind: Literal["png
     return picture_of(Simulator(source.read(limits)), seed=seed, suffix=f".{kind}")
 
 
-def mission_text(source: MissionSource, limits: Limits) -> str:
+def mission_text(source: MissionSource, limits: UserLimits) -> str:
     """The text of a mission, which names no files; if it has overrides or is of a run folder, without its comments.
 
     Raises:

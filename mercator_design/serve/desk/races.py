@@ -13,7 +13,7 @@ from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.importance import importance
 from mercator_design.report.page.markup import note
 from mercator_design.report.page.origin import origin
-from mercator_design.report.page.replays import Run, chosen_runs
+from mercator_design.report.page.replays import ShownRun, chosen_runs
 from mercator_design.report.page.request import request
 
 
@@ -28,7 +28,7 @@ class Part:
 
     text: str
     best: int | None = None
-    runs: tuple[Run, ...] = ()
+    runs: tuple[ShownRun, ...] = ()
 
     @cached_property
     def version(self) -> str:

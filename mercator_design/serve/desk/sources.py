@@ -12,7 +12,7 @@ from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.store import MISSION
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import robot_model_of
 
@@ -29,7 +29,7 @@ class MissionSource:
     overrides: tuple[str, ...] = ()
     folder: Path | None = None  # a run folder of ours, which has all files of its mission
 
-    def read(self, limits: Limits) -> Mission:
+    def read(self, limits: UserLimits) -> Mission:
         """The mission.
 
         Raises:
@@ -58,7 +58,7 @@ class MissionSource:
         return name, text_of(files[name], error=MissionError)
 
 
-def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: Limits) -> Mission:
+def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: UserLimits) -> Mission:
     """The mission of a user, which may not name files of the service.
 
     Raises:
@@ -110,7 +110,7 @@ class FsmSource:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Leader:
+class BestSoFar:
     """The winner of a race, or its best configuration so far.
 
     configuration: Its number.
@@ -126,7 +126,7 @@ class Leader:
     fsm: FsmFile
 
 
-def leader_of(folder: Path) -> Leader:
+def leader_of(folder: Path) -> BestSoFar:
     """The winner of the race in a run folder, or the best so far; the race may be running.
 
     Raises:
@@ -139,7 +139,7 @@ def leader_of(folder: Path) -> Leader:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
     if record.start["task"] != "mission":
         raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
-    return Leader(
+    return BestSoFar(
         configuration=number,
         mean=mean,
         runs=len(record.scores_of(number)),

@@ -7,7 +7,7 @@ from fastapi import Depends, Path, Request
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.http.problems import Missing, NotAllowed
 from mercator_design.serve.http.schemas import MAX_ID
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.service import Service
 
 
@@ -24,18 +24,18 @@ TheService = Annotated[Service, Depends(_service)]
 TheUser = Annotated[User, Depends(_user)]
 
 
-def may_see(user: User, row: Row) -> bool:
+def may_see(user: User, row: IndexRow) -> bool:
     """Whether a user may see a job: own, shared, of no user, or as an administrator."""
     return row.shared or not row.is_job or user.owns(row.owner)
 
 
-def may_change(user: User, row: Row) -> bool:
+def may_change(user: User, row: IndexRow) -> bool:
     return row.is_job and user.owns(row.owner)
 
 
 def visible_job(
     service: TheService, user: TheUser, identity: Annotated[str, Path(alias="id", max_length=MAX_ID)]
-) -> Row:
+) -> IndexRow:
     """A job that the user may see.
 
     Raises:
@@ -47,13 +47,13 @@ def visible_job(
     return row
 
 
-VisibleJob = Annotated[Row, Depends(visible_job)]
+VisibleJob = Annotated[IndexRow, Depends(visible_job)]
 
 
-def _own(user: TheUser, row: VisibleJob) -> Row:
+def _own(user: TheUser, row: VisibleJob) -> IndexRow:
     if not may_change(user, row):
         raise NotAllowed(f"{row.id} is not yours: only its owner and administrators may change it")
     return row
 
 
-OwnJob = Annotated[Row, Depends(_own)]
+OwnJob = Annotated[IndexRow, Depends(_own)]

@@ -16,7 +16,7 @@ from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob, may_see
 from mercator_design.serve.http.problems import RESPONSES
-from mercator_design.serve.http.schemas import Job
+from mercator_design.serve.http.schemas import JobAnswer
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.serve.jobs.operations import NotPossible
 from mercator_design.serve.jobs.races import JournalEvent, check_place, events_in, length_of, lines_from
@@ -86,7 +86,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
             return
         if (current := replace(now, experiments=0, seconds=0.0, left=None)) != shown:
             shown = current
-            state = JournalEvent(place, b"state", Job.of(now).model_dump_json().encode())
+            state = JournalEvent(place, b"state", JobAnswer.of(now).model_dump_json().encode())
             yield _text([state])
             silent = 0.0
         if now.state in ENDED:

@@ -15,7 +15,7 @@ from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
 from mercator_design.serve.http.problems import Missing
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.operations import NotPossible
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.service import Service
@@ -50,7 +50,7 @@ def mission_given(service: Service, user: User, body: MissionBody) -> MissionSou
     return body.source()
 
 
-def mission_of_job(service: Service, row: Row) -> MissionSource:
+def mission_of_job(service: Service, row: IndexRow) -> MissionSource:
     """The mission of a job: that of its run folder; before its race has begun, that of its request.
 
     Raises:
@@ -64,13 +64,13 @@ def mission_of_job(service: Service, row: Row) -> MissionSource:
     return mission_of_request(service, row)
 
 
-def mission_of_request(service: Service, row: Row) -> MissionSource:
+def mission_of_request(service: Service, row: IndexRow) -> MissionSource:
     """The mission of a job as its user wrote it."""
     request = service.store.read(row.id).request
     return MissionSource(name=request.mission, text=service.store.mission(row.id), overrides=request.set)
 
 
-def job_source(service: Service, row: Row, name: str = "") -> FsmSource:
+def job_source(service: Service, row: IndexRow, name: str = "") -> FsmSource:
     """The winner of a job, or its best so far."""
     return FsmSource(name=name or row.id, folder=run_folder(service, row))
 
@@ -101,6 +101,6 @@ def fsm_text(fsm: str | StructuredFsm) -> str:
     return fsm if isinstance(fsm, str) else json.dumps(fsm.model_dump(), ensure_ascii=True)
 
 
-def run_folder(service: Service, row: Row) -> Path:
+def run_folder(service: Service, row: IndexRow) -> Path:
     """The run folder of a job, for the helpers, which work in another folder."""
     return service.store.run_folder(row.id).resolve()

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Header, Query, Response
 from mercator_design.serve.desk.missions import checked_request
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES
-from mercator_design.serve.http.schemas import Job, JobChange, JobPage, JobRequest, Order, Submitted
+from mercator_design.serve.http.schemas import JobAnswer, JobChange, JobPage, JobRequest, Order, Submitted
 from mercator_design.serve.jobs.job import State
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
@@ -21,12 +21,12 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
     request, text = body.request(), body.mission_text
     if key and (row := service.index.submitted(user.name, key)) is not None:
         response.status_code = 200
-        return Submitted(job=Job.of(service.jobs.same(row, request, text)), warnings=[])
+        return Submitted(job=JobAnswer.of(service.jobs.same(row, request, text)), warnings=[])
     service.jobs.check_disk(user.name)
     checked = service.desk.run(checked_request, request, body.source(), service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
-    return Submitted(job=Job.of(row), warnings=list(checked.warnings))
+    return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))
 
 
 @router.get("/jobs")
@@ -48,37 +48,37 @@ def find(
         states=state or (), owner=owner, text=text, shared=shared, order=order, descending=descending,
         limit=limit, offset=offset,
     )  # fmt: skip
-    return JobPage(jobs=[Job.of(row) for row in rows], total=total)
+    return JobPage(jobs=[JobAnswer.of(row) for row in rows], total=total)
 
 
 @router.get("/jobs/{id}")
-def show(row: VisibleJob) -> Job:
+def show(row: VisibleJob) -> JobAnswer:
     """Show a job."""
-    return Job.of(row)
+    return JobAnswer.of(row)
 
 
 @router.patch("/jobs/{id}")
-def change(service: TheService, row: OwnJob, body: JobChange) -> Job:
+def change(service: TheService, row: OwnJob, body: JobChange) -> JobAnswer:
     """Extend the budget of a job, change its priority, share it."""
-    return Job.of(service.jobs.change(row.id, **body.model_dump()))
+    return JobAnswer.of(service.jobs.change(row.id, **body.model_dump()))
 
 
 @router.post("/jobs/{id}/pause")
-def pause(service: TheService, row: OwnJob) -> Job:
+def pause(service: TheService, row: OwnJob) -> JobAnswer:
     """Stop a job until it is resumed; running experiments finish."""
-    return Job.of(service.jobs.pause(row.id))
+    return JobAnswer.of(service.jobs.pause(row.id))
 
 
 @router.post("/jobs/{id}/resume")
-def resume(service: TheService, row: OwnJob) -> Job:
+def resume(service: TheService, row: OwnJob) -> JobAnswer:
     """Let a job go on that was paused or has failed."""
-    return Job.of(service.jobs.resume(row.id))
+    return JobAnswer.of(service.jobs.resume(row.id))
 
 
 @router.post("/jobs/{id}/cancel")
-def cancel(service: TheService, row: OwnJob) -> Job:
+def cancel(service: TheService, row: OwnJob) -> JobAnswer:
     """Stop a job for good; its results so far stay."""
-    return Job.of(service.jobs.cancel(row.id))
+    return JobAnswer.of(service.jobs.cancel(row.id))
 
 
 @router.delete("/jobs/{id}", status_code=204)

@@ -21,7 +21,7 @@ from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
 from mercator_design.serve.http.given import mission_of_job, mission_of_request
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
 
@@ -121,7 +121,7 @@ def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
     running, _ = service.index.find(None, states=("running",), limit=-1)
     usual = sum(cost.seconds) / 2.0 / request.budget
     wait = wait_of(
-        Row(id="", owner=user.name, name="", state="queued", priority=request.priority),
+        IndexRow(id="", owner=user.name, name="", state="queued", priority=request.priority),
         queued,
         running,
         seconds=lambda row: remaining_seconds(row, usual),
@@ -137,7 +137,7 @@ def schema(service: TheService) -> dict[str, Any]:
     return service.desk.run(mission_schema)
 
 
-def text_of_job(service: Service, row: Row) -> str:
+def text_of_job(service: Service, row: IndexRow) -> str:
     """The mission of a job as a text that can be submitted again.
 
     Raises:

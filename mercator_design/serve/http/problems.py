@@ -28,7 +28,7 @@ class NotAllowed(MercatorError):  # noqa: N818 - an answer
     """The user may see it, but not do this."""
 
 
-class Problem(BaseModel):
+class ProblemAnswer(BaseModel):
     """What is wrong with a request."""
 
     title: str
@@ -50,13 +50,13 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
 _OUR_FAULT = "the service has made a mistake; its log says which"
 """What users get: the rest may name folders of the server."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
-    status: {"model": Problem, "content": {"application/problem+json": {}}}
+    status: {"model": ProblemAnswer, "content": {"application/problem+json": {}}}
     for status in (400, 401, 403, 404, 405, 409, 413, 422, 429, 503, 507)
 }
 """The answers of errors, for the document of the API."""
 
 
-def report_problems(app: FastAPI, page: Callable[[Request, Problem], Response]) -> None:
+def report_problems(app: FastAPI, page: Callable[[Request, ProblemAnswer], Response]) -> None:
     """Let an application answer errors with problems: as a page if the client accepts HTML, else as JSON."""
 
     def answer(request: Request, error: Exception) -> Response:
@@ -69,7 +69,7 @@ def report_problems(app: FastAPI, page: Callable[[Request, Problem], Response]) 
         app.add_exception_handler(kind, answer)
 
 
-def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
+def _problem(error: Exception) -> tuple[ProblemAnswer, dict[str, str]]:
     """What is wrong, and the headers of the answer."""
     headers: dict[str, str] = {}
     messages: Sequence[str]
@@ -102,4 +102,4 @@ def _problem(error: Exception) -> tuple[Problem, dict[str, str]]:
                 messages = ["the service cannot read or write its files"]
         case _:  # a fault of this program, which the server logs
             status, title, messages = 500, "Internal error", [_OUR_FAULT]
-    return Problem(title=title, status=status, errors=[printable(one) for one in messages]), headers
+    return ProblemAnswer(title=title, status=status, errors=[printable(one) for one in messages]), headers

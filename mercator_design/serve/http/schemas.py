@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.serve.desk.sources import MissionSource
-from mercator_design.serve.jobs.index import ORDERS, Row
-from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Request, State
+from mercator_design.serve.jobs.index import ORDERS, IndexRow
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, State, Submission
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""
@@ -91,8 +91,8 @@ class JobRequest(MissionGiven):
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
     ] = 0
 
-    def request(self) -> Request:
-        return Request(
+    def request(self) -> Submission:
+        return Submission(
             mission=self.mission, set=tuple(self.set), budget=self.budget, method=self.method, flavour=self.flavour,
             seed=self.seed, test_runs=self.test_runs, priority=self.priority,
         )  # fmt: skip
@@ -106,7 +106,7 @@ class JobChange(Body):
     shared: Annotated[bool | None, Field(description="Whether all users may see it.")] = None
 
 
-class Job(BaseModel):
+class JobAnswer(BaseModel):
     """A job, or a run folder that was in the data folder before (its `owner` is empty)."""
 
     id: str
@@ -130,7 +130,7 @@ class Job(BaseModel):
     shared: bool
 
     @classmethod
-    def of(cls, row: Row) -> "Job":
+    def of(cls, row: IndexRow) -> "JobAnswer":
         """The answer of a row of the index."""
         return cls(**{name: getattr(row, name) for name in cls.model_fields})
 
@@ -138,14 +138,14 @@ class Job(BaseModel):
 class Submitted(BaseModel):
     """A job that was submitted, and the warnings on its mission."""
 
-    job: Job
+    job: JobAnswer
     warnings: list[str]
 
 
 class JobPage(BaseModel):
     """A page of a list of jobs."""
 
-    jobs: list[Job]
+    jobs: list[JobAnswer]
     total: int
 
 

@@ -15,7 +15,7 @@ _VERSION = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class IndexRow:
     """What lists show of a job, or of a run folder that is of no job."""
 
     id: str
@@ -46,7 +46,7 @@ class Row:
         return self.owner != ""
 
 
-_COLUMNS = tuple(field.name for field in fields(Row))
+_COLUMNS = tuple(field.name for field in fields(IndexRow))
 ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best", "priority")
 
 
@@ -59,7 +59,7 @@ class Index:
 
     def __init__(self, file: Path) -> None:
         self._lock = threading.RLock()
-        self._known: dict[str, Row] = {}  # rows as they are in the file
+        self._known: dict[str, IndexRow] = {}  # rows as they are in the file
         self._db = database(file, _prepare)
         self._db.row_factory = sqlite3.Row
 
@@ -67,7 +67,7 @@ class Index:
         with self._lock:
             self._db.close()
 
-    def put(self, *rows: Row) -> None:
+    def put(self, *rows: IndexRow) -> None:
         """Add or replace rows."""
         marks = ", ".join("?" * len(_COLUMNS))
         with self._lock:
@@ -82,7 +82,7 @@ class Index:
             for one in ids:
                 self._known.pop(one, None)
 
-    def get(self, identity: str) -> Row | None:
+    def get(self, identity: str) -> IndexRow | None:
         """A row; also for hundreds who ask several times a second."""
         if (known := self._known.get(identity)) is not None:
             return known
@@ -91,7 +91,7 @@ class Index:
                 self._known[identity] = row
             return self._known.get(identity)
 
-    def change(self, identity: str, **changes: Any) -> Row:  # noqa: ANN401 - the fields of Row
+    def change(self, identity: str, **changes: Any) -> IndexRow:  # noqa: ANN401 - the fields of IndexRow
         """Change fields of a row that is there.
 
         Raises:
@@ -106,10 +106,10 @@ class Index:
                 self.put(row)
             return row
 
-    def all(self) -> list[Row]:
+    def all(self) -> list[IndexRow]:
         return self._rows("", [])
 
-    def of_no_job(self) -> list[Row]:
+    def of_no_job(self) -> list[IndexRow]:
         """The rows of run folders that are of no job."""
         return self._rows("WHERE owner = ''", [])
 
@@ -119,7 +119,7 @@ class Index:
             self._db.execute("UPDATE jobs SET message = ? WHERE state = 'queued' AND message != ?", (message, message))
             self._known.clear()
 
-    def submitted(self, owner: str, key: str) -> Row | None:
+    def submitted(self, owner: str, key: str) -> IndexRow | None:
         """The job that a user has submitted with a key."""
         found = self._rows("WHERE owner = ? AND key = ?", [owner, key])
         return found[0] if found else None
@@ -136,7 +136,7 @@ class Index:
         descending: bool = True,
         limit: int = 50,
         offset: int = 0,
-    ) -> tuple[list[Row], int]:
+    ) -> tuple[list[IndexRow], int]:
         """A page of the rows that a user may see, and the number of all of them.
 
         Args:
@@ -175,10 +175,10 @@ class Index:
             found = self._db.execute(f"SELECT state, count(*) FROM jobs {where} GROUP BY state", values)  # noqa: S608
             return dict(found.fetchall())
 
-    def _rows(self, tail: str, values: Sequence[object]) -> list[Row]:
+    def _rows(self, tail: str, values: Sequence[object]) -> list[IndexRow]:
         with self._lock:
             found = self._db.execute(f"SELECT * FROM jobs {tail}", values).fetchall()  # noqa: S608 - only our own text
-        return [Row(**{name: one[name] for name in _COLUMNS} | {"shared": bool(one["shared"])}) for one in found]
+        return [IndexRow(**{name: one[name] for name in _COLUMNS} | {"shared": bool(one["shared"])}) for one in found]
 
 
 def _prepare(db: sqlite3.Connection) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 from mercator_design.errors import MercatorError
 from mercator_design.race.running.journal import is_locked, now
 from mercator_design.runs.files import JOURNAL
-from mercator_design.serve.jobs.index import Index, Row
-from mercator_design.serve.jobs.job import STATES, Job, Request, State
+from mercator_design.serve.jobs.index import Index, IndexRow
+from mercator_design.serve.jobs.job import STATES, Job, State, Submission
 from mercator_design.serve.jobs.store import Store, size_of
 from mercator_design.serve.jobs.supervisor import Supervisor
-from mercator_design.serve.settings import Limits
+from mercator_design.serve.settings import UserLimits
 
 _OPEN: tuple[State, ...] = ("queued", "running", "paused")
 _MB = 1_000_000
@@ -28,10 +28,12 @@ class LimitReached(MercatorError):  # noqa: N818 - nothing is wrong with the req
 class Operations:
     """The operations on jobs."""
 
-    def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: Limits) -> None:
+    def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: UserLimits) -> None:
         self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
 
-    def submit(self, owner: str, name: str, direction: str, request: Request, text: str | None, key: str = "") -> Row:
+    def submit(
+        self, owner: str, name: str, direction: str, request: Submission, text: str | None, key: str = ""
+    ) -> IndexRow:
         """A new job, whose mission has been checked; or the job that was submitted with the same key.
 
         Raises:
@@ -56,7 +58,7 @@ class Operations:
         self._supervisor.wake()
         return row
 
-    def same(self, row: Row, request: Request, text: str | None) -> Row:
+    def same(self, row: IndexRow, request: Submission, text: str | None) -> IndexRow:
         """The job that was submitted with a key that comes again.
 
         Raises:
@@ -78,7 +80,7 @@ class Operations:
             found = f"found {used / _MB:.0f} MB; delete some"
             raise LimitReached(f"expected the jobs of {owner} to have at most {self._limits.disk} MB, {found}")
 
-    def pause(self, identity: str) -> Row:
+    def pause(self, identity: str) -> IndexRow:
         """Stop a job until it is resumed.
 
         Raises:
@@ -86,7 +88,7 @@ class Operations:
         """
         return self._change(identity, "pause", _OPEN, lambda _: {"wish": "pause"})
 
-    def resume(self, identity: str) -> Row:
+    def resume(self, identity: str) -> IndexRow:
         """Let a job go on that was paused or has failed.
 
         Raises:
@@ -95,7 +97,7 @@ class Operations:
         """
         return self._go_on(identity, "resume", (*_OPEN, "failed"), _going_on)
 
-    def cancel(self, identity: str) -> Row:
+    def cancel(self, identity: str) -> IndexRow:
         """Stop a job for good; its results so far stay.
 
         Raises:
@@ -109,7 +111,7 @@ class Operations:
 
     def change(
         self, identity: str, *, budget: int | None = None, priority: int | None = None, shared: bool | None = None
-    ) -> Row:
+    ) -> IndexRow:
         """Change a job: its budget, with which it goes on; its priority; whether all users may see it.
 
         Raises:
@@ -151,7 +153,7 @@ class Operations:
 
     def _change(
         self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
-    ) -> Row:
+    ) -> IndexRow:
         """Change fields of a job that is in one of some states."""
         with self._supervisor.locked:
             row = self._expect(identity, what, states)
@@ -162,7 +164,7 @@ class Operations:
 
     def _go_on(
         self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
-    ) -> Row:
+    ) -> IndexRow:
         """Change a job so that it goes on, if the limits of its user permit it."""
         self.check_disk(self._expect(identity, what, states).owner)  # too slow to keep other changes waiting
         with self._supervisor.locked:
@@ -180,7 +182,7 @@ class Operations:
         if experiments > self._limits.budget:
             raise LimitReached(f"{key}: expected at most {self._limits.budget}, found {experiments}")
 
-    def _expect(self, identity: str, what: str, states: Collection[State]) -> Row:
+    def _expect(self, identity: str, what: str, states: Collection[State]) -> IndexRow:
         row = self._index.get(identity)
         if row is None or not row.is_job:
             raise NotPossible(f"{identity}: cannot {what} it: it is not a job of this service")

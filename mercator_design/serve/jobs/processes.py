@@ -8,7 +8,7 @@ from mercator_design.errors import printable
 from mercator_design.runs.provenance import PROVENANCE
 from mercator_design.serve.jobs.job import Job
 from mercator_design.serve.jobs.store import MISSION, OUTPUT, Store
-from mercator_design.serve.settings import Settings
+from mercator_design.serve.settings import ServiceSettings
 
 _MAX_OUTPUT = 4096  # bytes at the end of the messages in which errors are looked for
 _ERROR = "Error: "
@@ -40,7 +40,7 @@ class Launcher:
         cores: Experiments of a race that run at the same time.
     """
 
-    def __init__(self, store: Store, settings: Settings, cores: int) -> None:
+    def __init__(self, store: Store, settings: ServiceSettings, cores: int) -> None:
         self._store, self._settings, self._cores = store, settings, cores
 
     def command(self, job: Job) -> list[str]:

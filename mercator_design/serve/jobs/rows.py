@@ -11,7 +11,7 @@ from mercator_design.errors import RaceError, excerpt, printable
 from mercator_design.race.running.journal import Reading
 from mercator_design.report.runs import run_of
 from mercator_design.runs.files import OtherVersion, read_journal
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_SEED, Job, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.system.files import Unreadable, read_small
@@ -21,13 +21,13 @@ _STATES: dict[str, State] = {"running": "running", "finished": "succeeded", "sto
 """States of jobs by those of run folders; others have failed."""
 
 
-def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> Row:
+def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> IndexRow:
     """The row of a job, by the last reading of its race, and with what is wrong with its run folder."""
     request = job.request
     state = state_of(job, is_finished=status.is_finished(request.budget), is_running=is_running)
     if problem and state == "queued":
         state = "failed"
-    return Row(
+    return IndexRow(
         id=job.id, owner=job.owner, name=job.name, state=state, wish=job.wish,
         method=request.method, flavour=request.flavour, message="" if state == "succeeded" else job.failure or problem,
         seed=request.seed, budget=request.budget, priority=request.priority, direction=job.direction,
@@ -36,7 +36,7 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
     )  # fmt: skip
 
 
-def changed_row(row: Row, job: Job, *, is_running: bool) -> Row:
+def changed_row(row: IndexRow, job: Job, *, is_running: bool) -> IndexRow:
     """The row of a job whose file was changed; its race is as it was."""
     request = job.request
     is_finished = row.state == "succeeded" and row.budget >= request.budget
@@ -47,7 +47,7 @@ def changed_row(row: Row, job: Job, *, is_running: bool) -> Row:
     )  # fmt: skip
 
 
-def is_of(row: Row, job: Job) -> bool:
+def is_of(row: IndexRow, job: Job) -> bool:
     """Whether the row of a job that has ended agrees with the job's file."""
     request = job.request
     same = replace(
@@ -57,18 +57,18 @@ def is_of(row: Row, job: Job) -> bool:
     return row == same and (not job.failure or row.message == job.failure)
 
 
-def row_of_folder(folder: Path, reading: Reading) -> Row | None:
+def row_of_folder(folder: Path, reading: Reading) -> IndexRow | None:
     """The row of a run folder that is of no job, whose journal is read on; None if no race has begun there."""
     try:
         read_journal(folder, reading)
     except RaceError as error:
         what = "of another version: " if isinstance(error, OtherVersion) else ""
-        return Row(id=folder.name, owner="", name=folder.name, state="failed", message=what + error.messages[0])
+        return IndexRow(id=folder.name, owner="", name=folder.name, state="failed", message=what + error.messages[0])
     record, found = reading.record, run_of(folder, reading)
     if not record.start:
         return None
     raced: dict[str, Any] = {"experiments": found["experiments"], "best": found["score"], "tested": found["tested"]}
-    return Row(
+    return IndexRow(
         id=folder.name, owner="", name=printable(excerpt(str(found["name"]))), method=str(found["method"]),
         flavour=printable(excerpt(str(found["flavour"] or ""))), seed=min(int(found["seed"]), MAX_SEED),
         state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),

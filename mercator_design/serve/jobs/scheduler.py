@@ -5,13 +5,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 
 _MAX_JOBS = 200
 """Jobs that are run through; those behind them begin at the same time as the last of these."""
 
 
-def next_job(queued: Sequence[Row], running: Iterable[Row], served: Mapping[str, int], max_running: int) -> Row | None:
+def next_job(
+    queued: Sequence[IndexRow], running: Iterable[IndexRow], served: Mapping[str, int], max_running: int
+) -> IndexRow | None:
     """The job to run next, or None.
 
     The user with the fewest running jobs comes first; of several, the one who was served longest ago. Of the jobs of a
@@ -46,11 +48,11 @@ class Wait:
 
 
 def wait_of(
-    new: Row,
-    queued: Sequence[Row],
-    running: Sequence[Row],
+    new: IndexRow,
+    queued: Sequence[IndexRow],
+    running: Sequence[IndexRow],
     *,
-    seconds: Callable[[Row], float],
+    seconds: Callable[[IndexRow], float],
     races: int,
     max_running: int,
 ) -> Wait:
@@ -85,7 +87,7 @@ def wait_of(
     return Wait(running=len(running), queued=begun, seconds=now)
 
 
-def remaining_seconds(row: Row, usual: float) -> float:
+def remaining_seconds(row: IndexRow, usual: float) -> float:
     """The time that a job still takes [s].
 
     Args:

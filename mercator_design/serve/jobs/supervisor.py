@@ -17,7 +17,7 @@ from typing import NamedTuple
 from mercator_design.errors import MercatorError, RaceError, described
 from mercator_design.race.running.journal import Reading, is_locked, now
 from mercator_design.runs.files import JOURNAL
-from mercator_design.serve.jobs.index import Index, Row
+from mercator_design.serve.jobs.index import Index, IndexRow
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus
@@ -25,7 +25,7 @@ from mercator_design.serve.jobs.rows import changed_row, is_of, row_of_folder, r
 from mercator_design.serve.jobs.running import NO_SPACE, Running
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
-from mercator_design.serve.settings import ServiceError, Settings
+from mercator_design.serve.settings import ServiceError, ServiceSettings
 
 _log = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class Supervisor:
         self,
         store: Store,
         index: Index,
-        settings: Settings,
+        settings: ServiceSettings,
         launch: Callable[[Job], RaceProcess],
         *,
         clock: Callable[[], float] = time.monotonic,
@@ -123,7 +123,7 @@ class Supervisor:
                         self.refresh(identity)
             self._look_at_others()
 
-    def refresh(self, identity: str) -> Row | None:
+    def refresh(self, identity: str) -> IndexRow | None:
         """Make the row of a job agree with its files; None if it is gone."""
         with self.locked:
             if not self._store.folder(identity).exists():
@@ -144,7 +144,7 @@ class Supervisor:
                 self._followed[identity] = status
             return self._put(row_of_job(job, status, problem, is_running=is_running), job)
 
-    def note_change(self, identity: str) -> Row | None:
+    def note_change(self, identity: str) -> IndexRow | None:
         """Make the row of a job agree with its file, which was changed; its journal, which may be long, is not read."""
         with self.locked:
             row, run = self._index.get(identity), self._runs.get(identity)
@@ -154,7 +154,7 @@ class Supervisor:
             job = self._store.read(identity)
             return self._put(changed_row(row, job, is_running=is_running), job)
 
-    def _put(self, row: Row, job: Job) -> Row:
+    def _put(self, row: IndexRow, job: Job) -> IndexRow:
         """Note the row of a job, with what is known of it beyond its files."""
         if (run := self._runs.get(job.id)) is not None:
             run.job = job
@@ -167,7 +167,7 @@ class Supervisor:
         self._index.put(row)
         return row
 
-    def _damaged(self, identity: str, error: ServiceError) -> Row | None:
+    def _damaged(self, identity: str, error: ServiceError) -> IndexRow | None:
         """The row of a job whose file is damaged; None if its owner is not known."""
         _log.error("%s", error)
         row = self._index.get(identity)

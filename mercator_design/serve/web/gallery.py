@@ -11,7 +11,7 @@ from mercator_design.report.page.markup import Html, facts_list
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.web.layout import page
 from mercator_design.serve.web.machines import SCRIPTS, STYLES
 from mercator_design.view.charts import number
@@ -70,7 +70,7 @@ def _of_design(one: Design, user: User) -> Html:
     return _card("design", one.id, one.name, facts, fetch, f"{mine}<span class='problem' role='alert'></span>")
 
 
-def _of_job(row: Row) -> Html:
+def _of_job(row: IndexRow) -> Html:
     best = row.best if row.tested is None else row.tested
     where = "in its race" if row.tested is None else "in its tests"
     score = None if best is None else f"{number(best)} (mean {where}, {row.direction})"

@@ -18,7 +18,7 @@ from mercator_design.serve.designs import FSM
 from mercator_design.serve.desk.races import Part, about_part, race_part
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY
 from mercator_design.serve.jobs.processes import last_messages
 from mercator_design.serve.jobs.races import end_of, length_of
@@ -119,7 +119,7 @@ def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
 
 
 def _part(
-    service: Service, parts: Kept, row: Row, make: Callable[[Path], Part]
+    service: Service, parts: Kept, row: IndexRow, make: Callable[[Path], Part]
 ) -> tuple[Part | MercatorError | None, bool]:
     """A part of the page or what is wrong with the race, and whether there is no newer one.
 
@@ -142,7 +142,7 @@ def _best_runs(part: Part) -> str:
     return f' data-best="{part.best}" data-runs="{escaped(json.dumps(runs))}"'
 
 
-def _live(row: Row, part: str, content: str, attributes: str = "") -> Html:
+def _live(row: IndexRow, part: str, content: str, attributes: str = "") -> Html:
     """A part of the page that is asked for again."""
     return Html(f'<div id="{part}" data-live="{address(row, f"/{part}")}"{attributes}>{content}</div>')
 
@@ -154,7 +154,7 @@ def _aged(answer: Response, *, is_fresh: bool) -> Response:
     return answer
 
 
-def _now(service: Service, user: User, row: Row) -> Html:
+def _now(service: Service, user: User, row: IndexRow) -> Html:
     """The state of a job and what can be done now."""
     ends = "true" if row.state in ENDED else "false"
     facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
@@ -177,7 +177,7 @@ def _now(service: Service, user: User, row: Row) -> Html:
     return _live(row, "now", f"{words}{all_actions}{facts_list(what)}", facts)
 
 
-def _design(service: Service, row: Row) -> str:
+def _design(service: Service, row: IndexRow) -> str:
     """The link that downloads the winner."""
     if row.state not in ENDED or FSM not in files_of(service.store.run_folder(row.id)):
         return ""
@@ -185,7 +185,7 @@ def _design(service: Service, row: Row) -> str:
     return f'<a class="button main" href="{to}" download="{FSM}">Download {FSM}</a>'
 
 
-def _advice(row: Row) -> str:
+def _advice(row: IndexRow) -> str:
     """What a job waits for; what to do about one that has failed."""
     if not row.is_job:
         return '<p class="faint">A run folder in the data folder: it can be looked at here, and not be changed.</p>'
@@ -204,13 +204,13 @@ def _advice(row: Row) -> str:
     )
 
 
-def _without_race(row: Row) -> str:
+def _without_race(row: IndexRow) -> str:
     if row.state in ("queued", "running"):
         return '<p class="faint">The race has not begun yet; it will appear here.</p>'
     return '<p class="faint">The race has not begun.</p>'
 
 
-def _place(service: Service, row: Row) -> int:
+def _place(service: Service, row: IndexRow) -> int:
     """The place in the journal after which the page follows the race."""
     journal = service.store.run_folder(row.id) / JOURNAL
     if not length_of(journal):  # as that of a pipe: opening one would wait
@@ -219,7 +219,7 @@ def _place(service: Service, row: Row) -> int:
         return end_of(file)
 
 
-def _changes(user: User, row: Row) -> Html:
+def _changes(user: User, row: IndexRow) -> Html:
     """The form of what is seldom changed."""
     if not may_change(user, row):
         return Html()
@@ -239,7 +239,7 @@ def _changes(user: User, row: Row) -> Html:
     return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)
 
 
-def _files(service: Service, row: Row) -> Html:
+def _files(service: Service, row: IndexRow) -> Html:
     found = files_of(service.store.run_folder(row.id))
     names = [*(one for one in _FIRST if one in found), *sorted(found.keys() - {*_FIRST})]
     if not names:
@@ -252,7 +252,7 @@ def _files(service: Service, row: Row) -> Html:
     return _live(row, "files", section("artefacts", "Files", report, f'<ul class="files">{links}</ul>'))
 
 
-def _link(row: Row, name: str, path: Path) -> str:
+def _link(row: IndexRow, name: str, path: Path) -> str:
     try:
         size = path.stat().st_size
     except OSError:  # just removed
@@ -263,7 +263,7 @@ def _link(row: Row, name: str, path: Path) -> str:
     return f'{link} <span class="faint">{shown}</span>'
 
 
-def _messages(service: Service, row: Row) -> Html:
+def _messages(service: Service, row: IndexRow) -> Html:
     """The messages of the process of a job, for its owner."""
     text = last_messages(service.store.folder(row.id) / OUTPUT)
     shown = f'<pre tabindex="0">{escaped_lines(text)}</pre>' if text else '<p class="faint">There are none.</p>'

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from mercator_design.report.page.markup import Html
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import State
 from mercator_design.view.charts import number
 from mercator_design.view.markup import escaped
@@ -36,17 +36,17 @@ DELETE = Action(
 )  # fmt: skip
 
 
-def address(row: Row, after: str = "") -> str:
+def address(row: IndexRow, after: str = "") -> str:
     """The address of a job's page, as an attribute."""
     return f"/jobs/{quote(row.id, safe='')}{after}"
 
 
-def api_address(row: Row, after: str = "") -> str:
+def api_address(row: IndexRow, after: str = "") -> str:
     """The address of a job in the API, as an attribute."""
     return f"/api/v1/jobs/{quote(row.id, safe='')}{after}"
 
 
-def button(row: Row, action: Action) -> Html:
+def button(row: IndexRow, action: Action) -> Html:
     path = address(row, action.path)
     confirm = f' data-confirm="{escaped(action.confirm)}"' if action.confirm else ""
     danger = ' class="danger"' if action.confirm else ""
@@ -58,20 +58,20 @@ def button(row: Row, action: Action) -> Html:
     )
 
 
-def buttons(row: Row, *actions: Action) -> Html:
+def buttons(row: IndexRow, *actions: Action) -> Html:
     """The buttons of the actions that are possible in the state of a job."""
     if row.state == "running" and row.wish != "run":
         actions = () if row.wish == "cancel" else (CANCEL,)
     return Html("".join(button(row, one) for one in actions if row.state in one.states))
 
 
-def state(row: Row) -> Html:
+def state(row: IndexRow) -> Html:
     """The state of a job as a word, with what it waits for, or why it failed."""
     message = f' <span class="why">{escaped(row.message)}</span>' if row.message else ""
     return Html(f'<span class="state state-{row.state}">{row.state}</span>{message}')
 
 
-def progress(row: Row) -> Html:
+def progress(row: IndexRow) -> Html:
     """The progress of a job as a bar with figures."""
     label = f"{row.experiments} of {row.budget} experiments"
     left = f'<span class="faint"> · {time_left(row)}</span>' if time_left(row) else ""
@@ -81,7 +81,7 @@ def progress(row: Row) -> Html:
     )
 
 
-def best(row: Row) -> Html:
+def best(row: IndexRow) -> Html:
     """The best value of a job."""
     if row.best is None:
         return Html('<span class="faint">none yet</span>' if row.state in ("queued", "running") else "")
@@ -89,7 +89,7 @@ def best(row: Row) -> Html:
     return Html(f"<strong>{number(row.best)}</strong>{tested}")
 
 
-def time_left(row: Row) -> str:
+def time_left(row: IndexRow) -> str:
     """How long a running race still takes, about; empty if it is not known."""
     if row.state != "running" or row.left is None:
         return ""

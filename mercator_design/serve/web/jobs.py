@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.http.context import TheService, TheUser, may_change
-from mercator_design.serve.jobs.index import ORDERS, Row
+from mercator_design.serve.jobs.index import ORDERS, IndexRow
 from mercator_design.serve.jobs.job import STATES
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.job_parts import ACTIONS, address, best, buttons, moment, progress, state
@@ -53,7 +53,7 @@ class _Filter:
         }  # fmt: skip
         return "?" + urlencode({name: value for name, value in known.items() if value})
 
-    def find(self, service: Service, user: User) -> tuple[list[Row], int]:
+    def find(self, service: Service, user: User) -> tuple[list[IndexRow], int]:
         """A page of rows, and the number of all."""
         return service.index.find(
             user.viewer,
@@ -129,7 +129,7 @@ def _nothing(wanted: _Filter) -> Html:
     )
 
 
-def _table(rows: list[Row], user: User) -> Html:
+def _table(rows: list[IndexRow], user: User) -> Html:
     has_owners = user.name != LOCAL.name
     head = ["Mission", "State", "Experiments", "Best", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
     titles = "".join(f'<th scope="col">{one}</th>' for one in head)
@@ -138,7 +138,7 @@ def _table(rows: list[Row], user: User) -> Html:
     return Html(f'<div class="scroll" tabindex="0">{whole}</div>')
 
 
-def _line(row: Row, user: User, *, has_owners: bool) -> Html:
+def _line(row: IndexRow, user: User, *, has_owners: bool) -> Html:
     name = f'<a href="{address(row)}"><bdi>{escaped(row.name)}</bdi></a>'
     shared = ' <span class="tag">shared</span>' if row.shared and has_owners else ""
     cells = [

@@ -7,7 +7,7 @@ from fastapi.responses import HTMLResponse
 
 from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
-from mercator_design.serve.http.problems import Problem
+from mercator_design.serve.http.problems import ProblemAnswer
 from mercator_design.serve.web.assets import assets
 from mercator_design.view.markup import escaped
 
@@ -88,7 +88,7 @@ def _navigation(user: User | None, here: str) -> Html:
     )
 
 
-def problem_page(request: Request, problem: Problem) -> HTMLResponse:
+def problem_page(request: Request, problem: ProblemAnswer) -> HTMLResponse:
     messages = "".join(f'<p class="problem">{escaped(one)}</p>' for one in problem.errors)
     back = '<p><a href="/">To the jobs</a></p>'
     return page(problem.title, messages, back, user=getattr(request.state, "user", None), status=problem.status)

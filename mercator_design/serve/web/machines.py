@@ -15,7 +15,7 @@ from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.given import visible_design
 from mercator_design.serve.http.machines.schemas import MAX_FSMS
 from mercator_design.serve.http.problems import Missing
-from mercator_design.serve.jobs.index import Row
+from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
 from mercator_design.view.markup import escaped
@@ -122,7 +122,7 @@ def _instances(service: Service) -> Html:
 class _Offered(NamedTuple):
     """The jobs and designs that lists offer to a user."""
 
-    jobs: list[Row]
+    jobs: list[IndexRow]
     designs: list[Design]
 
 

@@ -11,7 +11,7 @@ from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.modules import parameters_words
 from mercator_design.fsm.words.names import state_names
-from mercator_design.view.machines.layout import LINE, Arrow, Layout, Rectangle, laid_out
+from mercator_design.view.machines.layout import LINE, Arrow, Extent, Layout, laid_out
 from mercator_design.view.machines.occupancy import Occupancy
 from mercator_design.view.markup import escaped
 
@@ -148,7 +148,7 @@ def _labels_svg(arrow: Arrow) -> list[str]:
     return parts
 
 
-def _box_svg(k: int, box: Rectangle, lines: Sequence[str]) -> list[str]:
+def _box_svg(k: int, box: Extent, lines: Sequence[str]) -> list[str]:
     colour = hex_of(*STATE_COLOURS[k])
     y = box.y - 0.5 * LINE * (len(lines) - 1)
     parts = [f'<g data-state="{k}">']
@@ -165,7 +165,7 @@ def _box_svg(k: int, box: Rectangle, lines: Sequence[str]) -> list[str]:
     return [*parts, "</g>"]
 
 
-def _rectangle(one: Rectangle, style: str) -> str:
+def _rectangle(one: Extent, style: str) -> str:
     x, y = one.x - one.width / 2, one.y - one.height / 2
     return f'<rect x="{x:.1f}" y="{y:.1f}" width="{one.width:.1f}" height="{one.height:.1f}" {style}/>'
 

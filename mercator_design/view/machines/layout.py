@@ -27,7 +27,7 @@ class Point(NamedTuple):
     y: float
 
 
-class Rectangle(NamedTuple):
+class Extent(NamedTuple):
     """The middle, width and height of something."""
 
     x: float
@@ -35,7 +35,7 @@ class Rectangle(NamedTuple):
     width: float
     height: float
 
-    def covers(self, other: "Rectangle") -> float:
+    def covers(self, other: "Extent") -> float:
         """The area that both cover."""
         across = 0.5 * (self.width + other.width) - abs(self.x - other.x)
         down = 0.5 * (self.height + other.height) - abs(self.y - other.y)
@@ -59,7 +59,7 @@ class Arrow:
     start: Point = Point(0.0, 0.0)
     bend: Point = Point(0.0, 0.0)
     end: Point = Point(0.0, 0.0)
-    block: Rectangle = Rectangle(0.0, 0.0, 0.0, 0.0)
+    block: Extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     def at(self, share: float) -> Point:
         """A place on the curve."""
@@ -72,16 +72,16 @@ class Arrow:
 class Layout(NamedTuple):
     """All places: the box of each state, the arrows."""
 
-    boxes: tuple[Rectangle, ...]
+    boxes: tuple[Extent, ...]
     arrows: tuple[Arrow, ...]
 
     @property
-    def parts(self) -> Iterator[Rectangle]:
+    def parts(self) -> Iterator[Extent]:
         """Everything that has to be in the picture."""
         yield from self.boxes
         for arrow in self.arrows:
             yield arrow.block
-            yield from (Rectangle(*arrow.at(share), 4.0, 4.0) for share in (0.25, 0.5, 0.75))
+            yield from (Extent(*arrow.at(share), 4.0, 4.0) for share in (0.25, 0.5, 0.75))
 
 
 def size_of(lines: Sequence[str]) -> tuple[float, float]:
@@ -96,7 +96,7 @@ def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow:
     """
     sizes = [(max(96.0, width + 8.0), height + 8.0) for width, height in map(size_of, texts)]
     blocks = [size_of([line for _, lines in arrow.labels for line in lines]) for arrow in arrows]
-    sized = [replace(arrow, block=Rectangle(0.0, 0.0, *block)) for arrow, block in zip(arrows, blocks, strict=True)]
+    sized = [replace(arrow, block=Extent(0.0, 0.0, *block)) for arrow, block in zip(arrows, blocks, strict=True)]
     corners = _corners(len(texts), sized)
     gap = _ROOM
     for _ in range(_MAX_GROWTH):
@@ -125,29 +125,29 @@ def _corners(n: int, arrows: Sequence[Arrow]) -> tuple[int, ...]:
     return min(((0, *rest) for rest in itertools.permutations((1, 2, 3))), key=crossing)
 
 
-def _boxes(sizes: Sequence[tuple[float, float]], corners: Sequence[int], gap: float) -> list[Rectangle]:
+def _boxes(sizes: Sequence[tuple[float, float]], corners: Sequence[int], gap: float) -> list[Extent]:
     """The boxes of states on a grid of two rows; three states are a triangle."""
     across = max(width for width, _ in sizes) + 1.4 * gap
     down = max(height for _, height in sizes) + gap
     places = [(0.0, 0.0), (across, 0.0), (0.0, down), (across, down)]
     if len(sizes) == 3:
         places[2] = (0.5 * across, down)
-    return [Rectangle(*places[corner], *size) for corner, size in zip(corners, sizes, strict=True)]
+    return [Extent(*places[corner], *size) for corner, size in zip(corners, sizes, strict=True)]
 
 
-def _column(sizes: Sequence[tuple[float, float]], gap: float) -> list[Rectangle]:
+def _column(sizes: Sequence[tuple[float, float]], gap: float) -> list[Extent]:
     """The boxes of states one below the other."""
     down = max(height for _, height in sizes) + gap
-    return [Rectangle(0.0, k * down, *size) for k, size in enumerate(sizes)]
+    return [Extent(0.0, k * down, *size) for k, size in enumerate(sizes)]
 
 
-def _right(a: Rectangle, b: Rectangle) -> Point:
+def _right(a: Extent, b: Extent) -> Point:
     """The direction to the right of the line from one box to another."""
     length = math.dist(a[:2], b[:2])
     return Point(-(b.y - a.y) / length, (b.x - a.x) / length)
 
 
-def _away(arrow: Arrow, boxes: Sequence[Rectangle], arrows: Sequence[Arrow], *, narrow: bool) -> float:
+def _away(arrow: Arrow, boxes: Sequence[Extent], arrows: Sequence[Arrow], *, narrow: bool) -> float:
     """How far the bend of an arrow is to the right of the straight line, so that the labels of there and back fit."""
     a, b = boxes[arrow.source], boxes[arrow.target]
     if narrow:  # beside all boxes between the two
@@ -161,7 +161,7 @@ def _away(arrow: Arrow, boxes: Sequence[Rectangle], arrows: Sequence[Arrow], *, 
     return min(60.0 if is_slanted else across + 10.0, 0.9 * math.dist(a[:2], b[:2]))
 
 
-def _routed(arrow: Arrow, boxes: Sequence[Rectangle], away: float) -> Arrow:
+def _routed(arrow: Arrow, boxes: Sequence[Extent], away: float) -> Arrow:
     """An arrow with its path."""
     a, b = boxes[arrow.source], boxes[arrow.target]
     right = _right(a, b)
@@ -169,23 +169,23 @@ def _routed(arrow: Arrow, boxes: Sequence[Rectangle], away: float) -> Arrow:
     return replace(arrow, start=_border(a, bend), bend=bend, end=_border(b, bend))
 
 
-def _border(box: Rectangle, towards: Point) -> Point:
+def _border(box: Extent, towards: Point) -> Point:
     """Where the line from a box's middle towards a point leaves the box."""
     dx, dy = towards.x - box.x, towards.y - box.y
     share = min(box.width / 2 / abs(dx) if dx else math.inf, box.height / 2 / abs(dy) if dy else math.inf)
     return Point(box.x + share * dx, box.y + share * dy)
 
 
-def _labelled(arrows: Sequence[Arrow], boxes: Sequence[Rectangle], *, beside_lines: bool) -> tuple[list[Arrow], float]:
+def _labelled(arrows: Sequence[Arrow], boxes: Sequence[Extent], *, beside_lines: bool) -> tuple[list[Arrow], float]:
     """The arrows with their labels on them, and the area that labels cover of what they must not cover.
 
     With `beside_lines`, labels also keep off other arrows, where they can.
     """
     fixed = [box._replace(width=box.width + _MARGIN, height=box.height + _MARGIN) for box in boxes]
-    fixed += [Rectangle(*arrow.at(0.96), 16.0, 16.0) for arrow in arrows]
+    fixed += [Extent(*arrow.at(0.96), 16.0, 16.0) for arrow in arrows]
     lines = [[arrow.at(0.05 * k) for k in range(1, 20)] if beside_lines else [] for arrow in arrows]
     order = sorted(range(len(arrows)), key=lambda k: -arrows[k].block.width * arrows[k].block.height)
-    blocks: dict[int, Rectangle] = {}
+    blocks: dict[int, Extent] = {}
     covered = dict.fromkeys(order, 0.0)
     for _, k in itertools.product(range(3), order):  # each again when the others have a place
         others = [*fixed, *(block for other, block in blocks.items() if other != k)]

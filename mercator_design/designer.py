@@ -44,7 +44,7 @@ from mercator_design.system.files import write_text
 
 TEST_SEED = 1
 """The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
-_MAX_PFSMS = 1000
+MAX_PFSMS = 1000
 """Largest number of PFSMs that are kept: more than run at a time."""
 
 
@@ -191,7 +191,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         number, instance = experiment
         known = self._pfsms.get(number)
         if known is None or known[0] is not configuration:
-            if len(self._pfsms) == _MAX_PFSMS:
+            if len(self._pfsms) == MAX_PFSMS:
                 self._pfsms.clear()
             known = self._pfsms[number] = configuration, to_pfsm(configuration, self.flavour)
         return known[1], self.test_seed(instance) if test else self.seed(instance)

@@ -64,7 +64,7 @@ def test_the_digest_is_of_every_file_with_a_kernel_of_control_software():
 
 
 def test_no_more_pfsms_are_kept_than_run_at_a_time(monkeypatch):
-    monkeypatch.setattr(designer, "_MAX_PFSMS", 3)
+    monkeypatch.setattr(designer, "MAX_PFSMS", 3)
     one = Designer(Simulator(load_mission("aggregation", ["duration=1"])), budget=100, seed=1)
     one.optimizer.ask()
     items = [one.item(Experiment(number, 0), one.optimizer.configurations[number])[0] for number in range(10)]

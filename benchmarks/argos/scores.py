@@ -213,13 +213,13 @@ def compare(
                 if not ran:
                     raise RecordingError("no run has a score")
                 n = experiments or max(MIN_RUNS, 5 * recorded)
-                ours = _columns(
+                ours = measured_columns(
                     [instance_seed(seed, "evaluation", k) for k in range(n)], partial(_ours, simulator, pfsm), jobs
                 )
                 seeds = recorded_seeds(run)
                 again = None
                 if seeds and comparison.original:
-                    again = _columns(seeds, partial(_repeated, comparison.original, pfsm), jobs)
+                    again = measured_columns(seeds, partial(_repeated, comparison.original, pfsm), jobs)
             except MercatorError as error:
                 comparison.left_out.append(f"{name}: {run['name']}: {error}")
                 continue
@@ -246,7 +246,7 @@ def shuffle_alike(comparisons: Sequence[Comparison], *, jobs: int) -> None:
             if one in differing and one.is_shuffled and comparison.original:
                 unused = (seed for seed in itertools.count(_NOT_RECORDED) if seed not in one.seeds)
                 seeds = list(itertools.islice(unused, len(one.ours["score"])))
-                one.shuffled = _columns(seeds, partial(_repeated, comparison.original, one.pfsm), jobs)
+                one.shuffled = measured_columns(seeds, partial(_repeated, comparison.original, one.pfsm), jobs)
 
 
 def same(theirs: Columns, ours: Columns, names: Sequence[str]) -> np.ndarray:
@@ -269,7 +269,7 @@ def _repeated(original: Original, pfsm: Pfsm, seed: int) -> dict[str, float]:
     return statistics(score, history, original.mission.control_period)
 
 
-def _columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], jobs: int) -> Columns:
+def measured_columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], jobs: int) -> Columns:
     with ThreadExecutor(jobs) as executor:
         rows = in_order(executor, measure, seeds)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

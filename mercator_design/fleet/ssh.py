@@ -21,7 +21,7 @@ _OPTIONS = {
     "ServerAliveCountMax": "3",
     "ServerAliveInterval": "5",
 }
-_ENDS = 0.3  # [s] for ssh to end after its last output
+ENDS = 0.3  # [s] for ssh to end after its last output
 _CHUNK = 65_536  # [bytes]
 _OWN_FAULT = 255  # exit code of ssh if ssh itself has failed
 
@@ -82,7 +82,7 @@ class Conversation:
         data = os.read(self.fileno(), _CHUNK)
         if not data:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(_ENDS)
+                self._process.wait(ENDS)
             self.has_ended = True
             code = self._process.returncode
             has_not = "the connection has ended, ssh has not"

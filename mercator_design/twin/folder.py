@@ -39,7 +39,7 @@ def usual_folder() -> Path:
         found = folder.lstat()
     except OSError as error:
         raise RobotError(f"{folder}: cannot be made: {error.strerror}; give another folder with --folder") from None
-    if not _is_own(found):
+    if not is_own(found):
         raise RobotError(
             f"{folder}: expected a folder of this user that is closed to others (mode 0700), "
             f"found {stat.filemode(found.st_mode)} of user {found.st_uid}; remove it, or give another with --folder"
@@ -52,14 +52,14 @@ def _runtime_directory() -> Path | None:
     for name in (os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{os.getuid()}"):
         path = Path(name)
         try:
-            if path.is_absolute() and _is_own(path.stat()):
+            if path.is_absolute() and is_own(path.stat()):
                 return path
         except OSError:
             continue
     return None
 
 
-def _is_own(found: os.stat_result) -> bool:
+def is_own(found: os.stat_result) -> bool:
     """Whether it is a folder that only this user can enter."""
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) & 0o077 == 0
 

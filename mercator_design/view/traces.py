@@ -20,7 +20,7 @@ from mercator_design.view.experiment import MAX_CELLS, ShownExperiment, check_ex
 SUFFIXES = (".csv", ".npz")
 
 _MAX_SIZE = 256 * 1024 * 1024  # of a file
-_MAX_UNPACKED = 8 * 16 * MAX_CELLS  # bytes of an .npz
+MAX_UNPACKED = 8 * 16 * MAX_CELLS  # bytes of an .npz
 _COLUMNS = ("time", "robot", "x", "y", "heading")
 _SAME_TIME = 1e-6  # [s]
 _MAX_TIME = 1e9  # [s]
@@ -77,7 +77,7 @@ def _read_npz(path: Path, data: io.BytesIO) -> tuple[Floats, Floats, _Array]:
     try:
         with zipfile.ZipFile(data) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > _MAX_UNPACKED:
+        if size > MAX_UNPACKED:
             raise ValueError(f"{size // 2**20} MiB of arrays")  # noqa: TRY301 - said as the other mistakes
         data.seek(0)
         with np.load(data, allow_pickle=False) as file:

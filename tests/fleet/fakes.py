@@ -35,11 +35,11 @@ import runpy, sys, time
 sys.path.insert(0, "{source}")
 if "run" in sys.argv or "check" in sys.argv:
     from mercator_design.robot.devices import link
-    link._TRIES = 2000
+    link.TRIES = 2000
 if "run" in sys.argv:
     from mercator_design.robot.protocols import joint_start
     from mercator_design.robot.run import control, joint, mercator, safety
-    joint_start.SILENCE = control.STALL = safety.STALL = mercator._START_LIMIT = 600.0
+    joint_start.SILENCE = control.STALL = safety.STALL = mercator.START_LIMIT = 600.0
     robot = joint_start.Follower
     consider, begin, wait = robot._consider, robot.begin, joint.Joint.wait
     robot._consider = lambda self, said, now: consider(self, said, min(now, said["at"] - 1e-6))

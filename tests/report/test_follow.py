@@ -31,8 +31,8 @@ def raced(tmp_path_factory, mdesign_once):
 def folder(raced, tmp_path, monkeypatch):
     shutil.copytree(raced, tmp_path / "r")
     monkeypatch.setattr(page, "request", lambda facts: "")
-    monkeypatch.setattr(follow, "_POLL", 0.02)
-    monkeypatch.setattr(follow, "_FAREWELL", LIMIT)
+    monkeypatch.setattr(follow, "POLL", 0.02)
+    monkeypatch.setattr(follow, "FAREWELL", LIMIT)
     return tmp_path / "r"
 
 
@@ -123,7 +123,7 @@ class TestEnd:
             assert not thread.is_alive()
 
     def test_or_some_time_later(self, folder, monkeypatch):
-        monkeypatch.setattr(follow, "_FAREWELL", 0.0)
+        monkeypatch.setattr(follow, "FAREWELL", 0.0)
         with Journal(folder / "journal.jsonl", new=False) as journal, FollowServer(folder, lambda: "") as server:
             fcntl.flock(journal._file, fcntl.LOCK_UN)
             server.serve()

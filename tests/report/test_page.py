@@ -251,7 +251,7 @@ class TestTexts:
 
     def test_of_the_mission(self, folder, monkeypatch):
         monkeypatch.setattr(pages, "request", requests.request)
-        monkeypatch.setattr(requests, "_picture", lambda *_: "")
+        monkeypatch.setattr(requests, "floor_picture", lambda *_: "")
         mission = folder / "mission.yaml"
         described = "description: " + json.dumps("<script>alert(1)</script>\u202e")
         mission.write_text(re.sub(r"^description: .*$", lambda _: described, mission.read_text(), flags=re.MULTILINE))

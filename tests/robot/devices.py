@@ -93,9 +93,9 @@ class Devices(Surroundings):
         robot.receive = functools.partial(self._receive, robot.receive)
         for line, device in zip(DEVICES, (self.rvr, self.lidar, self.hub), strict=True):
             device.advance = functools.partial(self._advance, device.advance, line)
-        self.rvr._obey = functools.partial(self._obey, self.rvr._obey)
+        self.rvr.obey = functools.partial(self._obey, self.rvr.obey)
         self.rvr._senses._stream = functools.partial(self._stream, self.rvr._senses._stream)
-        self.lidar._obey = functools.partial(self._obey_lidar, self.lidar._obey)
+        self.lidar.obey = functools.partial(self._obey_lidar, self.lidar.obey)
         self.lidar._packet = functools.partial(self._packet, self.lidar._packet)
         self.lidar.set_motor(on=True, now=-SPINS_UP)
 

@@ -29,7 +29,7 @@ from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON, made_in_time
 
 RING = Settings().proximity_angles
-OFTEN = "from mercator_design.robot.setup import ground_calibration; ground_calibration._PERIOD = 33\n"
+OFTEN = "from mercator_design.robot.setup import ground_calibration; ground_calibration.PERIOD = 33\n"
 """The RVR tells more in less time."""
 COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 
@@ -197,7 +197,7 @@ class TestColor:
             assert {red for red, _, _ in sensor.measure(0.5)} == {100.0}
 
     def test_it_is_kept_awake(self, devices, monkeypatch):
-        monkeypatch.setattr(ground_calibration, "_AWAKE", 0.0)
+        monkeypatch.setattr(ground_calibration, "AWAKE", 0.0)
         with ground_sensor(devices.names) as sensor:
             time.sleep(0.1)
             before = len(devices.commands)
@@ -253,7 +253,7 @@ class TestColor:
 
 def test_enter_that_was_pressed_before_is_no_answer(monkeypatch):
     fingers, terminal = os.openpty()
-    monkeypatch.setattr(prompt, "_STDIN", terminal)
+    monkeypatch.setattr(prompt, "STDIN", terminal)
     os.write(fingers, b"\n\n")
     wait_until(lambda: fcntl.ioctl(terminal, termios.FIONREAD, bytes(4)) == (2).to_bytes(4, sys.byteorder))
     waited = []

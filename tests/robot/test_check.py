@@ -35,9 +35,9 @@ def processes(tmp_path, monkeypatch):
     """Sets what else runs: names and arguments."""
     folder = tmp_path / "proc"
     folder.mkdir()
-    monkeypatch.setattr(checking, "_PROCESSES", folder)
+    monkeypatch.setattr(checking, "PROCESSES", folder)
     monkeypatch.setattr(checking, "RULES", tmp_path / "99-mercator.rules")
-    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
+    monkeypatch.setattr(checking, "TIMESYNC", tmp_path / "timesync")
 
     def run(*lines):
         for number, (name, *arguments) in enumerate(map(str.split, lines)):
@@ -150,7 +150,7 @@ def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices):
 
 def lidar_answers(devices, *damaged):
     """What it answers first to who asks for its device info, or its health; then the truth."""
-    answers, usual = deque(damaged), devices.lidar._obey
+    answers, usual = deque(damaged), devices.lidar.obey
 
     def obey(command, now):
         said = usual(command, now)
@@ -158,7 +158,7 @@ def lidar_answers(devices, *damaged):
         is_next = bool(said and answers) and isinstance(answers[0], kinds.get(command, Packet))
         return answers.popleft().encode() if is_next else said
 
-    devices.lidar._obey = obey
+    devices.lidar.obey = obey
 
 
 WRONG = [DeviceInfo(6 + k, (1, 4), 1, "2026112100000000") for k in range(1, 100)]
@@ -183,7 +183,7 @@ def test_what_cannot_be_read_for_sure_is_not_told_as_a_fact(found, robot_command
 
 def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices):
     """While it scans it hears nothing but a stop."""
-    usual, lost = devices.lidar._obey, []
+    usual, lost = devices.lidar.obey, []
 
     def obey(command, now):
         said = usual(command, now)
@@ -191,7 +191,7 @@ def test_a_lidar_that_scans_though_its_answer_was_lost(found, devices):
         lost.extend([said] * is_lost)
         return b"" if is_lost else said
 
-    devices.lidar._obey = obey
+    devices.lidar.obey = obey
     assert found()[2] == {}
     assert lost == [ScanStarted().encode()]
 
@@ -321,7 +321,7 @@ def test_rates_are_of_what_lies_between():
 
 
 def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
-    monkeypatch.setattr(checking, "_TIMESYNC", tmp_path / "timesync")
+    monkeypatch.setattr(checking, "TIMESYNC", tmp_path / "timesync")
     finding = check_clock(0.0)
     assert not finding.is_fine
     assert " is in the past; a Pi has no clock of its own" in finding.words

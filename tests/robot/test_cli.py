@@ -176,7 +176,7 @@ class TestRun:
 @pytest.fixture(autouse=True)
 def long_look_up(monkeypatch):
     """Names of hosts are looked up in threads, which may be late."""
-    monkeypatch.setattr(network, "_LOOK_UP", LIMIT)
+    monkeypatch.setattr(network, "LOOK_UP", LIMIT)
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ class TestStop:
 
     def test_a_name_that_is_not_found_in_time(self, stop, answering, monkeypatch):
         port, _ = answering
-        monkeypatch.setattr(network, "_LOOK_UP", 0.2)
+        monkeypatch.setattr(network, "LOOK_UP", 0.2)
         over, found = threading.Event(), socket.gethostbyname
 
         def look_up(host):
@@ -241,7 +241,7 @@ class TestStop:
         assert err == f"Error: 127.0.0.1: no answer on UDP port {robot[1]}\n"
 
     def test_more_descriptors_than_select_knows(self, stop, answering, monkeypatch):
-        speaking = network._sending_socket
+        speaking = network.sending_socket
 
         def far():
             with speaking() as near:
@@ -250,7 +250,7 @@ class TestStop:
             return made
 
         usual = resource.getrlimit(resource.RLIMIT_NOFILE)
-        monkeypatch.setattr(network, "_sending_socket", far)
+        monkeypatch.setattr(network, "sending_socket", far)
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(2048, usual[0]), usual[1]))
         try:
             code, out, err = stop("127.0.0.1", "--port", answering[0])

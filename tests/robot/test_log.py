@@ -372,7 +372,7 @@ def test_a_disk_that_hangs(waits, tmp_path, monkeypatch):
         goes_on.wait()
         return len(data)
 
-    monkeypatch.setattr(log_module, "_DISK_LIMIT", 0.5)
+    monkeypatch.setattr(log_module, "DISK_LIMIT", 0.5)
     monkeypatch.setattr(os, "write", write)
     try:
         with Log(tmp_path / "log.jsonl") as log:

@@ -223,7 +223,7 @@ class TestStart:
         assert min(map(devices.lidar_commands.count, ("health", "device_info"))) >= 2  # until two answers agree
 
     def test_a_lidar_that_still_scans_and_does_not_hear_the_first_stop(self, devices, monkeypatch):
-        lost, obey = ["force_stop", "stop"], devices.lidar._obey
+        lost, obey = ["force_stop", "stop"], devices.lidar.obey
 
         def hear(command, now):
             if command in lost:
@@ -232,7 +232,7 @@ class TestStart:
             return obey(command, now)
 
         devices.lidar._scans = 0.0
-        monkeypatch.setattr(devices.lidar, "_obey", hear)
+        monkeypatch.setattr(devices.lidar, "obey", hear)
         with robot_on(devices) as robot:
             assert robot.facts["lidar"].startswith("model 6, ")
 

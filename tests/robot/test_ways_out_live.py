@@ -311,7 +311,7 @@ def test_a_full_disk(tmp_path):
 
 def test_a_disk_that_hangs(tmp_path):
     """Such a run goes on for a while, in which others would recover."""
-    soon = "from mercator_design.robot.logs import log; log._DISK_LIMIT = 0.3; log.SYNC_EVERY = 0"
+    soon = "from mercator_design.robot.logs import log; log.DISK_LIMIT = 0.3; log.SYNC_EVERY = 0"
     hangs = f"{soon}; os.fsync = lambda _: time.sleep(60)"
 
     def attempt(number):

@@ -46,15 +46,15 @@ MAIN = "from mercator_design.robot.cli import main; main()"
 WAITS = f"""
 from mercator_design.robot.devices import link
 from mercator_design.robot.run import control, mercator
-link._TRIES = 2000
-mercator._START_LIMIT = control._FIRST_HEARTBEAT = {LIMIT}
+link.TRIES = 2000
+mercator.START_LIMIT = control.FIRST_HEARTBEAT = {LIMIT}
 """
 """Lets a program wait for answers, samples and a first heartbeat as long as threads of a busy machine may take."""
 SOON = f"""{WAITS}
 mercator.Mercator._watch_commands_end = lambda robot: setattr(robot, "_do_commands_end", True)
 """
 """The same, and start up sooner: it does not look whether commands run out, which tests of the start are about."""
-IMPATIENT = "from mercator_design.robot.run import control; control._FIRST_HEARTBEAT = 0.5\n"
+IMPATIENT = "from mercator_design.robot.run import control; control.FIRST_HEARTBEAT = 0.5\n"
 """Lets a program not wait long for a first heartbeat."""
 PATIENT = "from mercator_design.robot.run import control, safety; control.STALL = safety.STALL = 60.0\n"
 """Lets a control loop be late, as it may be on a busy machine, in tests that are not about that."""

@@ -53,7 +53,7 @@ def clock():
 def quick_hashes():
     """Scrypt is slow on purpose; a test of its own has the true cost."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(users, "_COST", 2)
+        patch.setattr(users, "COST", 2)
         yield
 
 
@@ -82,7 +82,7 @@ def shared_helpers(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mercator_design.serve.service.Desk", desk_of)
-        patch.setattr("mercator_design.serve.desk.desk._PATIENCE", LIMIT)
+        patch.setattr("mercator_design.serve.desk.desk.PATIENCE", LIMIT)
         yield
     desk.close()
 

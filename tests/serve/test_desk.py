@@ -105,7 +105,7 @@ def test_what_cannot_be_sent_does_no_harm(desk):
 
 def test_time_limit(desk, monkeypatch):
     desk.run(add, 1)  # its start has a limit of its own
-    monkeypatch.setattr(desk, "_seconds", 0.05)
+    monkeypatch.setattr(desk, "seconds", 0.05)
     with pytest.raises(TooMuchWork, match=r"longer than the 0.05 s that the service allows"):
         desk.run(sleep, 600)
     assert desk.run_within(LIMIT, sleep, 0.3) is None
@@ -114,7 +114,7 @@ def test_time_limit(desk, monkeypatch):
 
 
 def test_busy(desk, monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 0.0)
+    monkeypatch.setattr(module, "PATIENCE", 0.0)
     with desk._helper("ann"), pytest.raises(Busy, match="try again in a moment"):
         desk.run(add, 1)
     assert desk.run(add, 1) == 2
@@ -123,7 +123,7 @@ def test_busy(desk, monkeypatch):
 
 
 def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", 0.0)
+    monkeypatch.setattr(module, "PATIENCE", 0.0)
     desk = Desk(3, LIMIT, 2000, (), tmp_path)
     with desk._helper("ann"), desk._helper("ann"):
         with pytest.raises(Busy), desk._helper("ann"):
@@ -135,9 +135,9 @@ def test_a_user_leaves_a_helper_to_others(tmp_path, monkeypatch):
 
 
 def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
-    monkeypatch.setattr(module, "_PATIENCE", LIMIT)
-    monkeypatch.setattr(module, "_MAX_OF_USER", 2)
-    monkeypatch.setattr(module, "_MAX_REQUESTS", 3)
+    monkeypatch.setattr(module, "PATIENCE", LIMIT)
+    monkeypatch.setattr(module, "MAX_OF_USER", 2)
+    monkeypatch.setattr(module, "MAX_REQUESTS", 3)
     waiting = []
 
     def wait(user):
@@ -159,7 +159,7 @@ def test_who_asks_for_much_work_waits_no_longer(desk, monkeypatch):
 
 def test_memory_limit(desk, monkeypatch):
     process, _ = desk.run(where)
-    monkeypatch.setattr(desk, "_megabytes", 1)
+    monkeypatch.setattr(desk, "megabytes", 1)
     with pytest.raises(TooMuchWork, match="more than the 1 MB of memory"):
         desk.run(sleep, 600)
     monkeypatch.undo()

@@ -108,7 +108,7 @@ def stream(quiet, job, place=0, user=ANN):
 @pytest.fixture
 def at_once(monkeypatch):
     """Nobody waits."""
-    monkeypatch.setattr(events, "_PERIOD", 0.001)
+    monkeypatch.setattr(events, "PERIOD", 0.001)
 
 
 def test_each_event_once_over_reconnections_while_it_runs(quiet, at_once):
@@ -200,7 +200,7 @@ def test_it_ends_when_the_job_is_gone(quiet, at_once, what):
 
 
 def test_silence_is_broken_now_and_then(quiet, at_once, monkeypatch):
-    monkeypatch.setattr(events, "_KEEPALIVE", 0.01)
+    monkeypatch.setattr(events, "KEEPALIVE", 0.01)
     job = quiet.submit()
 
     async def run():

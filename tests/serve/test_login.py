@@ -193,7 +193,7 @@ class TestSessions:
         assert made.token(secret) is None
 
     def test_old_ones_are_removed(self, made, clock, monkeypatch):
-        monkeypatch.setattr(sessions, "_MAX_SESSIONS", 3)
+        monkeypatch.setattr(sessions, "MAX_SESSIONS", 3)
         until = clock.now() + timedelta(days=300)
         secrets = []
         for _ in range(5):

@@ -138,7 +138,7 @@ def test_an_estimate(client):
 
 
 def test_an_estimate_follows_from_the_times_of_experiments(monkeypatch):
-    monkeypatch.setattr(estimates, "_times", lambda *_: (0.1, 0.1, 0.1, 0.1))
+    monkeypatch.setattr(estimates, "computing_times", lambda *_: (0.1, 0.1, 0.1, 0.1))
     costs = [
         estimates.cost_of(
             Submission(mission="foraging", budget=budget), MissionSource(name="foraging"), UserLimits(), cores

@@ -578,7 +578,7 @@ def test_a_deletion_that_a_crash_has_interrupted_ends_at_the_next_start(house, m
     house.tick()
     house.finish(job)
     with monkeypatch.context() as patch:
-        patch.setattr(house.store, "_finish_deletion", lambda _: None)
+        patch.setattr(house.store, "finish_deletion", lambda _: None)
         house.jobs.delete(job)
     assert house.store.run_folder(job).exists()
     house.crash()
@@ -596,7 +596,7 @@ def test_a_run_folder_that_cannot_be_deleted_stays_with_its_job(house, monkeypat
         raise OSError(errno.EACCES, "Permission denied")
 
     with monkeypatch.context() as patch:
-        patch.setattr(house.store, "_finish_deletion", refused)
+        patch.setattr(house.store, "finish_deletion", refused)
         with pytest.raises(OSError, match="Permission denied"):
             house.jobs.delete(job)
     assert house.store.read(job).owner == "ann"

@@ -103,10 +103,10 @@ class TestServer:
     @pytest.fixture
     def talk(self, monkeypatch):
         async def talking(*parts):
-            monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05 if len(parts) == 1 else LIMIT)
+            monkeypatch.setattr(server, "HEADER_SECONDS", 0.05 if len(parts) == 1 else LIMIT)
 
             async def app(scope, receive, send):
-                monkeypatch.setattr(server, "_HEADER_SECONDS", 0.05)  # for the next request
+                monkeypatch.setattr(server, "HEADER_SECONDS", 0.05)  # for the next request
                 await PlainTextResponse("hello")(scope, receive, send)
 
             async with running(app) as (_, address):
@@ -130,7 +130,7 @@ class TestServer:
         assert found.endswith(b"hello")
 
     def test_who_only_connects_keeps_nobody_out(self, monkeypatch):
-        monkeypatch.setattr(server, "_HEADER_SECONDS", LIMIT)
+        monkeypatch.setattr(server, "HEADER_SECONDS", LIMIT)
 
         async def app(scope, receive, send):
             await PlainTextResponse("hello")(scope, receive, send)
@@ -168,7 +168,7 @@ class TestServer:
                 yield found.server_state.connections, address
 
     def test_who_does_not_read_keeps_nobody_out(self, monkeypatch):
-        for wait in ("_HEADER_SECONDS", "_READ_SECONDS"):
+        for wait in ("HEADER_SECONDS", "READ_SECONDS"):
             monkeypatch.setattr(server, wait, LIMIT)
 
         async def crowd():
@@ -183,8 +183,8 @@ class TestServer:
         assert asyncio.run(crowd()).startswith(b"HTTP/1.1 200 OK")
 
     def test_nor_for_long(self, monkeypatch):
-        monkeypatch.setattr(server, "_HEADER_SECONDS", LIMIT)
-        monkeypatch.setattr(server, "_READ_SECONDS", 0.05)
+        monkeypatch.setattr(server, "HEADER_SECONDS", LIMIT)
+        monkeypatch.setattr(server, "READ_SECONDS", 0.05)
 
         async def crowd():
             asked = asyncio.Event()

@@ -13,7 +13,7 @@ def known_experiments():
 @pytest.fixture(scope="module")
 def experiments_once(known_experiments):
     """What has run once is not run again: tests of the comparison with the original ask for the same experiments."""
-    columns = scores._columns
+    columns = scores.measured_columns
 
     def known_columns(seeds, measure, jobs):
         place, pfsm = measure.args
@@ -25,5 +25,5 @@ def experiments_once(known_experiments):
         return {name: np.array([rows[seed][name] for seed in seeds]) for name in rows[seeds[0]]}
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scores, "_columns", known_columns)
+        patch.setattr(scores, "measured_columns", known_columns)
         yield

@@ -54,7 +54,7 @@ def test_a_runtime_directory_that_is_open_to_others_or_somebody_else_s_is_not_us
     assert usual_folder() == cache / "mercator-twin"
     runtime.chmod(0o700)
     assert usual_folder() == runtime / "mercator-twin"
-    monkeypatch.setattr(of_twins, "_is_own", lambda found: False)
+    monkeypatch.setattr(of_twins, "is_own", lambda found: False)
     with pytest.raises(RobotError):
         usual_folder()
 

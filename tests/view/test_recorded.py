@@ -206,7 +206,7 @@ class TestHostileFiles:
         assert refused > len(good) // 10
 
     def test_archive_that_unpacks_to_much(self, simulator, tmp_path, monkeypatch):
-        monkeypatch.setattr("mercator_design.view.traces._MAX_UNPACKED", 100)
+        monkeypatch.setattr("mercator_design.view.traces.MAX_UNPACKED", 100)
         np.savez_compressed(tmp_path / "t.npz", **self.arrays())
         with pytest.raises(MissionError, match="MiB of arrays"):
             read_trace(tmp_path / "t.npz", simulator, 1, None)

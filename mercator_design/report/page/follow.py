@@ -27,9 +27,9 @@ HOST = "127.0.0.1"
 SECONDS = 3.0
 """Between two requests of the page for its live part; more if making it takes long."""
 _SHARE = 0.1  # of the time that making the live part may take
-_FAREWELL = 30.0
+FAREWELL = 30.0
 """Seconds after the end of the race in which a page can ask for the report."""
-_POLL = 0.5  # seconds
+POLL = 0.5  # seconds
 _HEADERS = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
@@ -67,7 +67,7 @@ class FollowServer(ThreadingHTTPServer):
             super().__init__((HOST, port), _Handler)
         except OSError as error:
             raise RaceError(f"port {port}: cannot be used: {error.strerror or error}; give another --port") from None
-        self.timeout = _POLL
+        self.timeout = POLL
 
     @property
     def address(self) -> str:
@@ -84,7 +84,7 @@ class FollowServer(ThreadingHTTPServer):
         while not self._is_sent and (end is None or time.monotonic() < end):
             self.handle_request()
             if end is None and not self.is_running:
-                end = time.monotonic() + _FAREWELL
+                end = time.monotonic() + FAREWELL
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the library's
         """Print what went wrong, unless a page was closed before it had its answer."""

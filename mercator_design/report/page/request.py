@@ -25,7 +25,7 @@ def request(facts: Facts) -> Html:
             ("duration", f"{asked.duration:g} s"),
             ("objective", f"{objective.direction} {objective.name}"),
         ]
-        picture = _picture(designer, facts.command())
+        picture = floor_picture(designer, facts.command())
     race: list[tuple[str, object]] = [
         ("flavour", start.get("flavour")),
         ("method", start["method"]),
@@ -37,7 +37,7 @@ def request(facts: Facts) -> Html:
     return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture))
 
 
-def _picture(designer: Designer, command: str) -> Html:
+def floor_picture(designer: Designer, command: str) -> Html:
     """The mission from above; nothing if its robots find no place."""
     from PIL import Image
 

@@ -13,9 +13,9 @@ import threading
 
 from mercator_design.robot.run.safety import raise_priority
 
-_MAX_WAITING = 1000  # messages; more are dropped
+MAX_WAITING = 1000  # messages; more are dropped
 _IN_TURN = 0.02  # [s] that the program waits for a message to be written, so that it comes before results on stdout
-_LAST = 2.0  # [s] that the program waits at its end for its last messages
+LAST = 2.0  # [s] that the program waits at its end for its last messages
 
 
 def queue_messages() -> None:
@@ -49,7 +49,7 @@ class _Waiting(io.RawIOBase):
 
     def write(self, text: "bytes | memoryview") -> int:  # type: ignore[override]
         """Queue text, or drop it if too much waits."""
-        if self._texts.qsize() < _MAX_WAITING:
+        if self._texts.qsize() < MAX_WAITING:
             self._are_written.clear()
             self._texts.put(bytes(text))
         return len(text)
@@ -60,7 +60,7 @@ class _Waiting(io.RawIOBase):
 
     def end(self) -> None:
         """Wait for what is queued, but not without end."""
-        self._are_written.wait(_LAST)
+        self._are_written.wait(LAST)
 
     def _write_all(self) -> None:
         raise_priority(1)  # it may hold the interpreter's lock, for which the control loop waits

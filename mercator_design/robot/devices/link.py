@@ -17,8 +17,8 @@ from mercator_design.robot.protocols.rvr import Flags, Notification, Response, U
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error, Processor, Value
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 
-_ANSWER = 0.3  # [s] for an answer of a device
-_TRIES = 5  # of a question
+ANSWER = 0.3  # [s] for an answer of a device
+TRIES = 5  # of a question
 _MAX_BACKLOG = 1.0  # [s] for reading the system's full buffers
 _PAUSE = 0.004  # [s] between two messages of a device, except of a lidar that scans
 _MUCH = 1000  # bytes without meaning from a device that was understood; a few are normal after a start
@@ -117,7 +117,7 @@ class Link:
             asked.add(self._host.seq)
             return sent
 
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
             response = self.exchange("rvr", command, Response, lambda response: response.seq in asked)
             if response.error not in DAMAGED:
                 break
@@ -134,9 +134,9 @@ class Link:
         answers: Callable[[E], bool] = lambda _: True,
     ) -> E:
         """Send a command until the device answers, and return the answer; errors are those of `ask`."""
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
             self.send(device, command())
-            if (answer := self.wait_for(kind, answers, _ANSWER)) is not None:
+            if (answer := self.wait_for(kind, answers, ANSWER)) is not None:
                 return answer
         raise RobotError(f"no answer; {self.remedy(device)}", device=device)
 

@@ -49,7 +49,7 @@ from mercator_design.system.files import sync_folder, writing
 SYNC_EVERY = 1.0
 """[s] after which a written event is forced to the disk: a power failure loses those of the last second at most."""
 NO_END = "the log has no end: it is still being written, or the program was killed"
-_DISK_LIMIT = 10.0  # [s] for which events may wait for the disk
+DISK_LIMIT = 10.0  # [s] for which events may wait for the disk
 _ROUNDING = 1e-9  # of wheels, between processors
 _MAX_LINE = 1 << 20  # bytes
 
@@ -97,7 +97,7 @@ class Log:
         if has_begun:
             self.note(LogEnded(why=why, time=now()))
         self._events.put(None)
-        self._thread.join(_DISK_LIMIT)
+        self._thread.join(DISK_LIMIT)
         if self._thread.is_alive():
             self._fail("the disk hangs")
         else:
@@ -117,7 +117,7 @@ class Log:
         if self._events.empty():
             self._waits_since = at
         self._events.put(event)
-        if at - self._waits_since > _DISK_LIMIT and not self.failure:
+        if at - self._waits_since > DISK_LIMIT and not self.failure:
             self._fail("the disk hangs")
 
     def remark(self, text: str) -> None:

@@ -40,9 +40,9 @@ _LIGHTS_OF = (
 """The lamps of each colour in an rvr_ros/Leds."""
 _RVR_SAMPLES = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
 _MASTER_CHECK_EVERY = 0.5  # [s]
-_MASTER_ANSWER = 2.0  # [s] for the master's answer
-_REGISTER = 5.0  # [s] for registering at the master; ROS's client would try without end
-_LEAVE = 2.0  # [s] for unregistering
+MASTER_ANSWER = 2.0  # [s] for the master's answer
+REGISTER = 5.0  # [s] for registering at the master; ROS's client would try without end
+LEAVE = 2.0  # [s] for unregistering
 
 
 class RosNode:
@@ -56,12 +56,12 @@ class RosNode:
         """
         raise_priority(1)  # for its threads, too: a waiting one may hold the interpreter's lock
         try:
-            self._rospy, self._message, self._dynamic = map(_module, ("rospy", "genpy.message", "genpy.dynamic"))
+            self._rospy, self._message, self._dynamic = map(load_module, ("rospy", "genpy.message", "genpy.dynamic"))
             self.types = {name: self._type(name) for name in {*OBEYED.values(), *(t.type for t in PUBLISHED.values())}}
         except ImportError as error:
             raise RobotError(_ABSENT.format(error)) from None
         try:
-            self._master: str = _module("rosgraph").get_master_uri()
+            self._master: str = load_module("rosgraph").get_master_uri()
             self._reach_master()
             self._publishers: dict[str, Any] = {}
             self._register(self._begin)
@@ -74,7 +74,7 @@ class RosNode:
         """Unregister the node, without waiting for a master that does not answer."""
         leaving = threading.Thread(target=self._rospy.signal_shutdown, args=("it has ended",), daemon=True)
         leaving.start()
-        leaving.join(_LEAVE)
+        leaving.join(LEAVE)
 
     def publish(self, topic: str, fields: Fields) -> None:
         message = self.types[PUBLISHED[topic].type]()
@@ -107,7 +107,7 @@ class RosNode:
             parts = f"\n{80 * '='}\nMSG: {part}\n{self._type(part)._full_text}"  # noqa: SLF001 - no other name for it
             return self._dynamic.generate_dynamic(name, definition + parts)[name]
         package, _, kind = name.partition("/")
-        return getattr(_module(f"{package}.msg"), kind)
+        return getattr(load_module(f"{package}.msg"), kind)
 
     def _begin(self) -> None:
         self._rospy.init_node(NAME, disable_signals=True)
@@ -135,7 +135,7 @@ class RosNode:
         thread = threading.Thread(target=attempt, daemon=True)
         thread.start()
         try:
-            thread.join(_REGISTER)
+            thread.join(REGISTER)
         finally:
             if not ended:
                 self.close()
@@ -168,11 +168,11 @@ class _Impatient(xmlrpc.client.Transport):
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:  # noqa: ANN401 - as in the base class
         connection = super().make_connection(host)
-        connection.timeout = _MASTER_ANSWER
+        connection.timeout = MASTER_ANSWER
         return connection
 
 
-def _module(name: str) -> Any:  # noqa: ANN401 - ROS's have no types
+def load_module(name: str) -> Any:  # noqa: ANN401 - ROS's have no types
     """Import a module of ROS, which a robot need not have."""
     return importlib.import_module(name)
 

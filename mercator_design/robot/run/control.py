@@ -18,7 +18,7 @@ from mercator_design.robot.run.safety import STALL, Signals, Watchdog, raise_pri
 if TYPE_CHECKING:
     from mercator_design.robot.devices.link import Heard
 
-_FIRST_HEARTBEAT = 5.0  # [s] of waiting for it
+FIRST_HEARTBEAT = 5.0  # [s] of waiting for it
 _NOTE_EVERY = 10.0  # [s] between notes on refused heartbeats
 
 
@@ -46,7 +46,7 @@ class Control:
         Raises:
             RobotError: if none comes, or as `wait`.
         """
-        end = time.monotonic() + _FIRST_HEARTBEAT
+        end = time.monotonic() + FIRST_HEARTBEAT
         while self._watchdog.awaits_heartbeat:
             if time.monotonic() > end:
                 beats = self._watchdog.heartbeats

@@ -31,7 +31,7 @@ PERIOD = 0.05
 QUERY_EVERY = 1.0
 """[s] between queries of battery and motors."""
 
-_START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor takes a few
+START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor takes a few
 _CHECK_EVERY = 0.01  # [s] between checks whether they have come
 _SHOW_EVERY = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
 _DRIVE, _STOPPED = "drive_tank_si_units", "robot_has_stopped"
@@ -231,7 +231,7 @@ class Mercator:
         self.attend(time.monotonic())
         self.senses.forget()  # samples from the start-up may be old
         self.monitor.forget()
-        end = time.monotonic() + _START_LIMIT
+        end = time.monotonic() + START_LIMIT
         while (stale := self.stale(now := time.monotonic())) and now < end:
             self.attend(now + _CHECK_EVERY)
         for why in stale.values():

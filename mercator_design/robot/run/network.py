@@ -32,7 +32,7 @@ _SEALED = re.compile(rb"\d{1,15} \d{1,12}\.\d{6} [0-9a-f]{32}")
 _SIGNATURE = re.compile(rb"(%b) ([0-9a-f]{64})" % _SEALED.pattern)
 _MAX_MESSAGE = 200  # bytes
 _MAX_MESSAGES = 100  # that are received at once
-_LOOK_UP = 5.0  # [s] for looking up the names of hosts
+LOOK_UP = 5.0  # [s] for looking up the names of hosts
 _CHECK_EVERY = 0.02  # [s] between checks whether they are looked up
 
 
@@ -141,7 +141,7 @@ class Speaker:
     def __init__(self, hosts: Iterable[str], port: int) -> None:
         """Begin to look up the hosts of the robots; a broadcast address reaches all robots of a network."""
         self._port = port
-        self._sockets = {host: _sending_socket() for host in hosts}
+        self._sockets = {host: sending_socket() for host in hosts}
         self._waiting = select.poll()  # select takes no more than 1024 descriptors
         for each in self._sockets.values():
             self._waiting.register(each, select.POLLIN)
@@ -183,8 +183,8 @@ class Speaker:
                     yield host, message, sender
 
     def look_up(self) -> list[str]:
-        """Wait until all hosts are looked up, for `_LOOK_UP` at most; return messages on those without an address."""
-        end = time.monotonic() + _LOOK_UP
+        """Wait until all hosts are looked up, for `LOOK_UP` at most; return messages on those without an address."""
+        end = time.monotonic() + LOOK_UP
         while len(self._addresses) < len(self._sockets) and time.monotonic() < end:
             time.sleep(_CHECK_EVERY)
         return [self._silence(host) for host in self._sockets if not self._addresses.get(host)]
@@ -198,7 +198,7 @@ class Speaker:
         stopped: dict[str, None] = {}
         answered = set()
         end = time.monotonic() + seconds
-        latest = end + _LOOK_UP
+        latest = end + LOOK_UP
         while (now := time.monotonic()) < end:
             if len(self._addresses) < len(self._sockets):
                 end = min(now + seconds, latest)
@@ -225,7 +225,8 @@ class Speaker:
         return f"{host}: no answer on UDP port {self._port}"
 
 
-def _sending_socket() -> socket.socket:
+def sending_socket() -> socket.socket:
+    """A socket that sends datagrams, also to all hosts of a network, and waits for nothing."""
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     found.setblocking(False)

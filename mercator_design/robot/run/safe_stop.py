@@ -9,7 +9,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, stop_lidar, stop_rvr, wake_rvr
 from mercator_design.robot.run.network import Speaker
 
-_ENDING = 10.0  # [s] for a stopped run to close its ports; a run in its start-up takes longest
+ENDING = 10.0  # [s] for a stopped run to close its ports; a run in its start-up takes longest
 
 
 def safe_stop(settings: Settings) -> Iterator[CheckResult]:
@@ -20,7 +20,7 @@ def safe_stop(settings: Settings) -> Iterator[CheckResult]:
             stopped, _ = speaker.stop()
         if stopped:
             yield CheckResult("run", is_fine=True, words=f"{', '.join(stopped)} has stopped")
-            patience = _ENDING
+            patience = ENDING
     yield from check_devices(settings, {"rvr": _stop_rvr, "lidar": _stop_lidar}, patience)
 
 

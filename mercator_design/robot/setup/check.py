@@ -30,9 +30,9 @@ from mercator_design.robot.protocols.ydlidar import Packet, Turns
 from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.setup.install import NAMED, RULES
 
-_TIMESYNC = Path("/run/systemd/timesync")  # of systemd's NTP client, which Pis have by default
+TIMESYNC = Path("/run/systemd/timesync")  # of systemd's NTP client, which Pis have by default
 _KERNEL = Path("/proc/cmdline")
-_PROCESSES = Path("/proc")
+PROCESSES = Path("/proc")
 _CONFIGS = (Path("/boot/firmware/config.txt"), Path("/boot/config.txt"))  # of a Pi; the first one in newer systems
 _HEADER = {"serial0", "ttyS0", "ttyAMA0"}
 """Names of the UART on a Pi's header."""
@@ -76,7 +76,7 @@ def check_clock(now: float) -> CheckResult:
     installed = next(path for path in (here, *here.parents) if path.exists())  # this file, or the archive with it
     if now < installed.stat().st_mtime:
         found = "is in the past"
-    elif _TIMESYNC.exists() and not (_TIMESYNC / "synchronized").exists():
+    elif TIMESYNC.exists() and not (TIMESYNC / "synchronized").exists():
         found = "was not set over the network since this computer was switched on"
     else:
         return CheckResult("clock", is_fine=True, words=date)
@@ -130,7 +130,7 @@ def _for_all(config: str) -> list[str]:
 def check_programs(port: str) -> CheckResult:
     """Check that no program runs that opens serial ports for modems, Braille displays or terminals."""
     found, rules = set(), _text(RULES)
-    for process in _PROCESSES.glob("[0-9]*"):
+    for process in PROCESSES.glob("[0-9]*"):
         match _text(process / "comm").strip():
             case "ModemManager" if not all(f"mercator-{device}" in rules for device in NAMED):
                 found.add(

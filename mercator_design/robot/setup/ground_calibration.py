@@ -15,9 +15,9 @@ from mercator_design.robot.devices.samples import converted
 from mercator_design.robot.devices.start import stop_rvr, wake_rvr
 from mercator_design.robot.protocols.rvr_streaming import streaming
 
-_PERIOD = 50  # [ms] of streaming
+PERIOD = 50  # [ms] of streaming
 _MIN_SAMPLES = 10  # of a measurement
-_AWAKE = 10.0  # [s] between commands; an RVR without commands falls asleep
+AWAKE = 10.0  # [s] between commands; an RVR without commands falls asleep
 _MAX_SPREAD = 15.0  # levels, of a robot at rest on one colour; noise of 5 in each channel is 9
 _MAX_DEVIATION = 60.0  # levels between the brightness of a colour and the usual one
 _DARK = 5.0  # levels without the lamp
@@ -36,7 +36,7 @@ class GroundSensor:
     def attend(self) -> None:
         """Read the RVR's events, and keep it awake."""
         now = time.monotonic()
-        if now - self._sent > _AWAKE:
+        if now - self._sent > AWAKE:
             self._sent = now
             self._link.send_command("get_battery_percentage")
         self._link.discard()
@@ -69,7 +69,7 @@ def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
         try:
             wake_rvr(link)
             link.ask("enable_color_detection", is_enabled=True)
-            for name, processor, values in streaming(["color_detection"], _PERIOD):
+            for name, processor, values in streaming(["color_detection"], PERIOD):
                 link.ask(name, processor, **values)
             yield GroundSensor(link)
         finally:

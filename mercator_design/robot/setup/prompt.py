@@ -8,7 +8,7 @@ from collections.abc import Callable
 from mercator_design.command import print_message
 from mercator_design.errors import RobotError
 
-_STDIN = 0
+STDIN = 0
 _TIMEOUT = 0.1  # [s] of waiting for a byte
 
 
@@ -20,13 +20,13 @@ def ask(what: str, meanwhile: Callable[[], None]) -> None:
     Raises:
         RobotError: at the end of the input.
     """
-    if os.isatty(_STDIN):
-        termios.tcflush(_STDIN, termios.TCIFLUSH)  # ignore what was typed before the prompt
+    if os.isatty(STDIN):
+        termios.tcflush(STDIN, termios.TCIFLUSH)  # ignore what was typed before the prompt
     print_message(f"{what}, then press Enter.")
     while True:
-        while not select.select([_STDIN], [], [], _TIMEOUT)[0]:
+        while not select.select([STDIN], [], [], _TIMEOUT)[0]:
             meanwhile()
-        byte = os.read(_STDIN, 1)  # the next line is the answer to another prompt
+        byte = os.read(STDIN, 1)  # the next line is the answer to another prompt
         if not byte:
             raise RobotError("the input has ended without Enter; nothing was changed")
         if byte == b"\n":

@@ -13,7 +13,7 @@ from mercator_design.serve.database import database
 FILE = "sessions.sqlite"
 DAYS = 7
 """Days after which a session ends."""
-_MAX_SESSIONS = 100  # sessions of a token; the oldest end
+MAX_SESSIONS = 100  # sessions of a token; the oldest end
 
 
 class Sessions:
@@ -46,7 +46,7 @@ class Sessions:
             self._db.execute(
                 "DELETE FROM sessions WHERE token = ? AND hash NOT IN "
                 "(SELECT hash FROM sessions WHERE token = ? ORDER BY ends DESC, rowid DESC LIMIT ?)",
-                [token, token, _MAX_SESSIONS],
+                [token, token, MAX_SESSIONS],
             )
         return secret
 

@@ -25,10 +25,10 @@ R = TypeVar("R")
 
 ASKED_BY: ContextVar[str] = ContextVar("asked_by", default="")
 """The name of the user who asks for work; whoever answers a request sets it."""
-_MAX_REQUESTS, _MAX_OF_USER = 30, 12
+MAX_REQUESTS, MAX_OF_USER = 30, 12
 """Pieces of work at a time, with those that wait: of all, and of a user. Each keeps one of the 40 threads that answer
 requests, and the others answer what needs no helper."""
-_PATIENCE = 20.0
+PATIENCE = 20.0
 """Seconds that work waits for a helper."""
 _NICE = 5
 """Helpers leave the processor to the service, and take it from races."""
@@ -59,7 +59,7 @@ class Desk:
     """
 
     def __init__(self, helpers: int, seconds: float, megabytes: int, plugins: Sequence[str], folder: Path) -> None:
-        self._seconds, self._megabytes = seconds, megabytes
+        self.seconds, self.megabytes = seconds, megabytes
         self._plugins, self._folder = tuple(plugins), folder
         self._max_at_work = max(1, helpers - 1)  # helpers; one is left to others
         self._asked, self._at_work = Counter[str](), Counter[str]()  # pieces of work of users; those that do not wait
@@ -79,12 +79,12 @@ class Desk:
             TooMuchWork: The function took too long or too much memory; its helper was killed.
             ServiceError: The helper died, or its process cannot be started.
         """
-        return self.run_within(self._seconds, function, *arguments, **given)
+        return self.run_within(self.seconds, function, *arguments, **given)
 
     def run_within(self, seconds: float, function: Callable[P, R], /, *arguments: P.args, **given: P.kwargs) -> R:
         """As `run`, with another time limit [s]."""
         with self._helper(ASKED_BY.get()) as helper:
-            result, error = helper.work(function, arguments, given, seconds, self._megabytes)
+            result, error = helper.work(function, arguments, given, seconds, self.megabytes)
         if error is not None:
             raise error
         return cast("R", result)
@@ -110,10 +110,10 @@ class Desk:
     def _helper(self, user: str) -> "Iterator[_Helper]":
         """A helper for a piece of work of a user; if that goes wrong, another one takes its place."""
         with self._changed:
-            if self._asked[user] >= _MAX_OF_USER or self._asked.total() >= _MAX_REQUESTS:
+            if self._asked[user] >= MAX_OF_USER or self._asked.total() >= MAX_REQUESTS:
                 raise Busy("the service is busy with too much work at a time: try again in a moment")
             self._asked[user] += 1
-            if not self._changed.wait_for(lambda: self._idle and self._at_work[user] < self._max_at_work, _PATIENCE):
+            if not self._changed.wait_for(lambda: self._idle and self._at_work[user] < self._max_at_work, PATIENCE):
                 self._asked -= Counter([user])
                 raise Busy("the service is busy with other work: try again in a moment")
             self._at_work[user] += 1

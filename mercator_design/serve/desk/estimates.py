@@ -57,7 +57,7 @@ def cost_of(request: Submission, source: MissionSource, limits: UserLimits, core
     """
     simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
-    times = _times(source, request.flavour, limits)
+    times = computing_times(source, request.flavour, limits)
     experiment = statistics.fmean(times)
     error = statistics.stdev(times) / len(times) ** 0.5 if len(times) > 1 else experiment
     n = round(request.budget * (1.0 + _REPORTED)) + request.test_runs
@@ -73,7 +73,7 @@ def cost_of(request: Submission, source: MissionSource, limits: UserLimits, core
 
 
 @functools.lru_cache(maxsize=64)
-def _times(source: MissionSource, flavour: str, limits: UserLimits) -> tuple[float, ...]:
+def computing_times(source: MissionSource, flavour: str, limits: UserLimits) -> tuple[float, ...]:
     """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
     simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MAX_RUNS * 100, seed=1, flavour=flavour, method="random")

@@ -27,7 +27,7 @@ from mercator_design.view.replay import Replay, replay_of
 
 _MAX_CELLS = 1_000_000
 """Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""
-_MAX_CHANGES = 100_000
+MAX_CHANGES = 100_000
 """Changes of zones in the replays of a request."""
 _CYCLE = 0.1  # [s] of missions that say nothing else
 
@@ -166,9 +166,9 @@ def replays(machines: Machines, seed: int) -> list[Replay]:
         title = f"{source.name} on {mission.name}, seed {seed}"
         found.append(replay_of(ShownExperiment.simulated(simulator, one.pfsm, seed, title=title, states=one.names)))
         changes += len(found[-1]["header"]["floor"]["changes"])
-        if changes > _MAX_CHANGES:
+        if changes > MAX_CHANGES:
             raise MissionError(
-                f"{mission.name}: expected at most {_MAX_CHANGES:,} changes of zones in a replay, found {changes:,}"
+                f"{mission.name}: expected at most {MAX_CHANGES:,} changes of zones in a replay, found {changes:,}"
             )
     return found
 

@@ -26,11 +26,11 @@ router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
 _log = logging.getLogger(__name__)
 
-_PERIOD = 0.5
+PERIOD = 0.5
 """Seconds between two looks at a journal."""
 _PAUSE = 0.01
 """Seconds between two pieces of a journal, in which others are answered."""
-_KEEPALIVE = 15.0
+KEEPALIVE = 15.0
 """Seconds of silence after which a comment is sent, so that no proxy closes the connection."""
 _HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
 
@@ -91,10 +91,10 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
             silent = 0.0
         if now.state in ENDED:
             return
-        if (silent := silent + _PERIOD) >= _KEEPALIVE:
+        if (silent := silent + PERIOD) >= KEEPALIVE:
             silent = 0.0
             yield KEEPALIVE_COMMENT
-        await asyncio.sleep(_PERIOD - time.monotonic() % _PERIOD)  # all together, so that a piece is made once
+        await asyncio.sleep(PERIOD - time.monotonic() % PERIOD)  # all together, so that a piece is made once
 
 
 @lru_cache(maxsize=128)  # hundreds may follow the same race

@@ -14,9 +14,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mercator_design.serve.settings import ServiceError
 
-_HEADER_SECONDS = 20.0
+HEADER_SECONDS = 20.0
 """Seconds in which the headers of a request have to come, from the connection or the answer before on."""
-_READ_SECONDS = 30.0
+READ_SECONDS = 30.0
 """Seconds in which a client has to read something, when more of its answer waits than is kept for it."""
 _MAX_CONNECTIONS = 1000
 _LAST_SECONDS = 10
@@ -109,7 +109,7 @@ class PatientProtocol(H11Protocol):
         """Wait for the client to read."""
         super().pause_writing()
         self.since = self.loop.time()
-        self._unread = self.loop.call_later(_READ_SECONDS, self.give_up)
+        self._unread = self.loop.call_later(READ_SECONDS, self.give_up)
 
     def resume_writing(self) -> None:
         """The client has read."""
@@ -122,7 +122,7 @@ class PatientProtocol(H11Protocol):
         if self._waiting is not None:
             self._waiting.cancel()
         self.since = self.loop.time()
-        self._waiting = self.loop.call_later(_HEADER_SECONDS, self.give_up)
+        self._waiting = self.loop.call_later(HEADER_SECONDS, self.give_up)
 
     def _make_room(self) -> None:
         """Close the connection that has waited longest for its client, this one excepted."""

@@ -43,7 +43,7 @@ class Store(Records[Job]):
     def finish_deletions(self) -> None:
         """Delete what is left of jobs whose deletion was interrupted; only for the service that has the data folder."""
         for left in (self.data / SERVICE).glob(f"{_DELETED}*"):
-            self._finish_deletion(left.name.removeprefix(_DELETED))
+            self.finish_deletion(left.name.removeprefix(_DELETED))
 
     def create(
         self, owner: str, name: str, direction: str, request: Submission, text: str | None, *, key: str = ""
@@ -108,12 +108,12 @@ class Store(Records[Job]):
             gone = self.data / SERVICE / f"{_DELETED}{identity}"
             self.folder(identity).rename(gone)
             try:
-                self._finish_deletion(identity)
+                self.finish_deletion(identity)
             except OSError:  # else the run folder would be one of no job, which all users see
                 gone.rename(self.folder(identity))
                 raise
 
-    def _finish_deletion(self, identity: str) -> None:
+    def finish_deletion(self, identity: str) -> None:
         """Delete the files of a job whose folder was renamed; again at the next start, if some cannot be deleted."""
         job = self.data / SERVICE / f"{_DELETED}{identity}"
         run, gone = self.run_folder(identity), job / "run"

@@ -41,7 +41,7 @@ class TwinHub:
     def receive(self, data: bytes, now: float) -> bytes:
         """The answer to these bytes."""
         said = self.advance(now)
-        return said + b"".join(self._obey(command) for command in self._line.receive(data))
+        return said + b"".join(self.obey(command) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
         """The frame that is due, if any."""
@@ -55,7 +55,8 @@ class TwinHub:
         frame = Distances(tuple(distances), mask)
         return frame.encode_text() if self._text else frame.encode()
 
-    def _obey(self, command: HubCommand) -> bytes:
+    def obey(self, command: HubCommand) -> bytes:
+        """Do what a command says; returns the bytes of its answer."""
         done = True
         if command in (TEXT_MODE, BINARY_MODE):
             self._text = command == TEXT_MODE

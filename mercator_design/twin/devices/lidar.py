@@ -71,7 +71,7 @@ class TwinLidar:
     def receive(self, data: bytes, now: float) -> bytes:
         """The answer to these bytes; while it scans, it obeys only the commands that end the scan."""
         said = self.advance(now)
-        return said + b"".join(self._obey(command, now) for command in self._line.receive(data))
+        return said + b"".join(self.obey(command, now) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
         """The packets that are complete."""
@@ -86,7 +86,8 @@ class TwinLidar:
             self._sent += count
         return b"".join(said)
 
-    def _obey(self, command: str, now: float) -> bytes:
+    def obey(self, command: str, now: float) -> bytes:
+        """Do what a command says; returns the bytes of its answer."""
         if command in {"stop", "force_stop", "soft_reboot"}:
             self._scans = math.inf
             self._ready = now + _REBOOTS if command == "soft_reboot" else now

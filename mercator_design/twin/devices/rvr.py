@@ -89,7 +89,7 @@ class TwinRvr:
     def receive(self, data: bytes, now: float) -> bytes:
         """The answer to these bytes."""
         said = self.advance(now)
-        return said + b"".join(self._obey(event) for event in self._line.receive(data))
+        return said + b"".join(self.obey(event) for event in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
         """The bytes that the robot sends by itself up to now."""
@@ -128,7 +128,8 @@ class TwinRvr:
             self._is_fault = is_fault
             self._notify("motor_fault", is_fault=is_fault)
 
-    def _obey(self, event: RvrCommand | Unknown) -> bytes:
+    def obey(self, event: RvrCommand | Unknown) -> bytes:
+        """Do what a command says; returns the bytes of its answer."""
         frame = event.frame
         if Flags.ACTIVITY in frame.flags:
             self._active, self._warned = self._now, False

@@ -29,9 +29,9 @@ from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)
 
-_PART = 0.05
+PART = 0.05
 """Of the time limit of the helpers: after so much, an evaluation lets other work in between."""
-_WHOLE = 10.0
+WHOLE = 10.0
 """Of the same: a longer evaluation is refused."""
 _PAUSE = 1.0
 """Seconds after which an evaluation asks again for a helper."""
@@ -62,12 +62,12 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     machines = machines_given(service, user, body.mission, body.fsms)
     seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
-        work = partial(service.desk.run, run_part, machines, seeds, len(scores), _PART * seconds)
+        work = partial(service.desk.run, run_part, machines, seeds, len(scores), PART * seconds)
         part, taken = await _done(request, work, has_begun=bool(scores))
         scores, spent = [*scores, *part], spent + taken
-        if (expected := spent * total / len(scores)) > _WHOLE * seconds:
+        if (expected := spent * total / len(scores)) > WHOLE * seconds:
             raise TooMuchWork(
-                f"{total} experiments would take about {expected:.0f} s; the service allows {_WHOLE * seconds:.0f} s: "
+                f"{total} experiments would take about {expected:.0f} s; the service allows {WHOLE * seconds:.0f} s: "
                 "ask for fewer runs"
             )
     last = partial(service.desk.run, compared, machines, seeds, body.seed, scores)

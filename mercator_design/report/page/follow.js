@@ -1,17 +1,17 @@
 "use strict";
 const live = document.getElementById("live");
 const ask = async () => {
-  let told;
+  let news;
   try {
-    told = await (await fetch("live", { cache: "no-store" })).json();
+    news = await (await fetch("live", { cache: "no-store" })).json();
   } catch {
     document.getElementById("state").textContent = "mdesign report --follow has ended";
     return;
   }
-  if (told.ended) return location.reload();
+  if (news.ended) return location.reload();
   const open = [...live.querySelectorAll("details[open] > summary")].map((summary) => summary.textContent);
-  live.innerHTML = told.html;
+  live.innerHTML = news.html;
   for (const summary of live.querySelectorAll("summary")) summary.parentElement.open = open.includes(summary.textContent);
-  setTimeout(ask, told.seconds * 1000);
+  setTimeout(ask, news.seconds * 1000);
 };
 setTimeout(ask, 1000);

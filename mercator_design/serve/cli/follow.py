@@ -21,7 +21,7 @@ from mercator_design.serve.client.follow import STATE, JobEvent, result
 def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
     """Follow JOB until it has ended, and show its progress as `mdesign watch` does.
 
-    After a lost connection, it goes on where it was. Ctrl-C ends this command only, not the job.
+    After a lost connection, it continues where it was. Ctrl-C ends this command only, not the job.
 
     Exit codes: 0, the job has succeeded; 1, it has failed or was cancelled, or the service refuses.
     """

@@ -1,4 +1,4 @@
-"""Follows a job by its events, and goes on where it was after a lost connection."""
+"""Follows a job by its events, and continues after a lost connection."""
 
 import json
 import math

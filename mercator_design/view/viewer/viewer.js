@@ -273,11 +273,11 @@ const MercatorReplay = (() => {
       const [x, y] = this.locate(px, py, cycle);
       const { scale } = this.view(cycle);
       let found = null;
-      let least = Math.max(1.3 * this.replay.body.radius, (14 * density()) / scale);
+      let nearest = Math.max(1.3 * this.replay.body.radius, (14 * density()) / scale);
       for (let i = 0; i < this.replay.robots; i++) {
         const [a, b] = this.replay.pose(i, cycle);
         const distance = Math.hypot(a - x, b - y);
-        if (distance < least) [found, least] = [i, distance];
+        if (distance < nearest) [found, nearest] = [i, distance];
       }
       return found;
     }
@@ -511,13 +511,13 @@ const MercatorReplay = (() => {
         if (row >= 0 && row < rows && column >= 0 && column < columns) counts[row * columns + column]++;
       }
     }
-    const most = Math.max(...counts) || 1;
+    const max = Math.max(...counts) || 1;
     const image = document.createElement("canvas");
     [image.width, image.height] = [columns, rows];
     const context = image.getContext("2d");
     const pixels = context.createImageData(columns, rows);
     counts.forEach((count, k) => {
-      const share = Math.sqrt(count / most);
+      const share = Math.sqrt(count / max);
       pixels.data.set([213 - 60 * share, 94 * (1 - share), 40 + 80 * share, count ? 40 + 200 * share : 0], 4 * k);
     });
     context.putImageData(pixels, 0, 0);

@@ -3,7 +3,7 @@
 (() => {
   const { api, at, make } = Mercator;
   const KEPT = `mercator.fsm.${at("setting").dataset.user}`; // in the browser's storage
-  const MOST = { history: 100 };
+  const MAX_HISTORY = 100;
 
   let modules = null; // of the flavour
   let machine = { flavour: "watermelon", states: [] };
@@ -64,7 +64,7 @@
     const before = JSON.stringify(machine);
     if (!kind || kind !== lastEdit) {
       past.push(before);
-      past = past.slice(-MOST.history);
+      past = past.slice(-MAX_HISTORY);
     }
     [lastEdit, future] = [kind, []];
     change();

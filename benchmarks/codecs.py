@@ -44,14 +44,14 @@ def rvr_second() -> tuple[rvr.Host, bytes]:
         for command in device.receive(host.send(name, target=target, **values)):
             if isinstance(command, rvr.RvrCommand):
                 device.follow(command)
-    told = [
+    messages = [
         device.stream(
             StreamData(processor, slot, True, {name: dict.fromkeys(SERVICES[name].attributes, 0.3) for name in names})
         )
         for processor in Processor
         for slot, names in device.slots.of(processor).items()
     ]
-    return host, b"".join(told) * (1000 // PERIOD)
+    return host, b"".join(messages) * (1000 // PERIOD)
 
 
 def milliseconds(receive: Callable[[bytes], object], data: bytes, piece: int = PIECE) -> float:

@@ -173,13 +173,13 @@ def print_scores(
     _print_statistics(compared, judgements["statistics"])
     _print_replays(compared)
     print(f"\n{DIFFERENCES}\n")
-    told: list[bool] = []
+    verdicts: list[bool] = []
     for c in compared:
-        told += _correlation_verdict(c, limits[c.mission])
+        verdicts += _correlation_verdict(c, limits[c.mission])
     for kind, judgement in judgements.items():
-        told += _judgement_verdict(compared, kind, judgement)
-    yield from told
-    if not told:
+        verdicts += _judgement_verdict(compared, kind, judgement)
+    yield from verdicts
+    if not verdicts:
         yield _verdict("a verdict: there are too few runs to tell anything", reached=False)
     if figures:
         from benchmarks.argos.figures import means, statistics

@@ -178,11 +178,11 @@ def commanded(fault: Flip | Lose, commands: int) -> Commanded:
         for heard in device.receive(damaged(sent)):
             error = heard.error if isinstance(heard, rvr.Unknown) else Error.SUCCESS
             if not isinstance(heard, rvr.Unknown) and heard.name == "drive_tank_si_units":
-                told = heard.values.values()
-                if not all(math.isfinite(value) for value in told):
+                numbers = heard.values.values()
+                if not all(math.isfinite(value) for value in numbers):
                     error = Error.BAD_DATA_VALUE
                 else:
-                    wrong += [*told] != [_single(left), _single(right)]
+                    wrong += [*numbers] != [_single(left), _single(right)]
             for said in host.receive(damaged(device.answer(heard.frame, error))):
                 if isinstance(said, rvr.Response):
                     answered += not said.error

@@ -194,14 +194,14 @@ def _texts() -> list[str]:
 def read_fsm(number: int) -> str:
     """What came of a fuzzed FSM text, in words; what can be read means the same when it is written and read again."""
     text, flavour = fuzzed_fsm(number), FLAVOURS[number % len(FLAVOURS)]
-    told: list[str] = []
+    warnings: list[str] = []
     is_lenient = bool(number // len(FLAVOURS) % 2)
     try:
-        pfsm = parse(text, flavour, tolerate=told.append if is_lenient else None)
+        pfsm = parse(text, flavour, tolerate=warnings.append if is_lenient else None)
     except FsmError as error:
         return "refused" if str(error) else "refused without a word"
-    assert parse(to_text(pfsm), flavour, tolerate=told.append if is_lenient else None) == pfsm, text  # noqa: S101
-    return "read, with warnings" if told else "read"
+    assert parse(to_text(pfsm), flavour, tolerate=warnings.append if is_lenient else None) == pfsm, text  # noqa: S101
+    return "read, with warnings" if warnings else "read"
 
 
 KINDS: dict[str, Callable[[int], str]] = {"missions": read_mission, "fsms": read_fsm}

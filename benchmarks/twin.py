@@ -72,12 +72,12 @@ def measure(mission: str, robots: int, seconds: float, period: int) -> tuple[str
                 took = time.monotonic() - start
             finally:
                 process.terminate()
-            _, told = process.communicate()
+            _, output = process.communicate()
         for client in clients:
             client.close()
     heard = zip(*(client.heard for client in clients), strict=True)
     rates = ([count / took for count in counts] for counts in heard)
-    return told.strip(), dict(zip(("rvr", "lidar", "proximity"), rates, strict=True))
+    return output.strip(), dict(zip(("rvr", "lidar", "proximity"), rates, strict=True))
 
 
 def main() -> None:
@@ -87,8 +87,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--period", type=int, default=100, help="of streaming [ms]")
     options = parser.parse_args()
-    told, heard = measure(options.mission, options.robots, options.seconds, options.period)
-    print(f"{options.robots} robots in {options.mission}: {told}")
+    output, heard = measure(options.mission, options.robots, options.seconds, options.period)
+    print(f"{options.robots} robots in {options.mission}: {output}")
     for device, rates in heard.items():
         print(f"{device:10} {min(rates):8.0f} to {max(rates):8.0f} bytes/s of a robot")
 

@@ -136,8 +136,8 @@ def found(plan: Plan, folder: Path) -> Result | None:
     file = folder / _RESULT
     if not file.exists():
         return None
-    told = json.loads(file.read_text())
-    result = Result(**{**told, "began": tuple(told["began"])})
+    data = json.loads(file.read_text())
+    result = Result(**{**data, "began": tuple(data["began"])})
     if result.plan != repr(plan):
         raise SystemExit(f"{folder} has another run: expected {plan!r}, found {result.plan}")
     return result

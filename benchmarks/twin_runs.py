@@ -94,8 +94,8 @@ def play(plan: Plan, folder: Path) -> None:
             log.with_suffix(".jsonl").unlink(missing_ok=True)
             line = [*_COMMAND, "run", str(file) + ".txt", "--robot", str(own) + ".yaml", "-o", str(log) + ".jsonl"]
             line += ["--duration", str(plan.duration), "--seed", str(1000 * plan.seed + number)]
-            told = stack.enter_context((folder / f"run{number}.txt").open("w"))
-            robots.append(stack.enter_context(subprocess.Popen(line, env=environment, stderr=told)))
+            messages = stack.enter_context((folder / f"run{number}.txt").open("w"))
+            robots.append(stack.enter_context(subprocess.Popen(line, env=environment, stderr=messages)))
             stack.callback(_end, robots[-1])
         _await_logs([folder / f"run{number}.jsonl" for number in range(len(robots))], robots, folder)
         with _heartbeats([port for port in ports if port is not None]):

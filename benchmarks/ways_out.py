@@ -39,11 +39,11 @@ def faults() -> Iterator[tuple[str, Callable[[Any], object], str]]:
     yield "suspended", lambda robot: robot.process.send_signal(signal.SIGSTOP), ""
     yield "rvr lost", lambda robot: robot.devices.unplugged.add("rvr"), ""
     yield "rvr hears nothing", lambda robot: robot.devices.deaf.add("rvr"), ""
-    yield "swarm told to stop", _tell_to_stop, ""
+    yield "swarm told to stop", _stop_swarm, ""
     yield "loop stalls", lambda robot: robot.fault(), "time.sleep(1.0)"
 
 
-def _tell_to_stop(robot: Any) -> None:
+def _stop_swarm(robot: Any) -> None:
     with Speaker(["127.0.0.1"], robot.port) as speaker:
         speaker.stop()
 

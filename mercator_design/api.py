@@ -83,7 +83,13 @@ class Evaluation:
 
 
 def fresh_instances(seed: int = 1, runs: int = 100) -> list[int]:
-    """Seeds of instances that have nothing to do with those of a race; a longer series begins alike."""
+    """Seeds of instances that have nothing to do with those of a race; a longer series begins alike.
+
+    Raises:
+        SimulationError: A number is negative.
+    """
+    _check_minimum("seed", seed, 0)
+    _check_minimum("runs", runs, 0)
     return [instance_seed(seed, "evaluation", instance) for instance in range(runs)]
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import mercator_design as md
 from mercator_design.cli.evaluate import fresh_instances
+from mercator_design.config import shipped
 from mercator_design.errors import RaceError, SimulationError
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.runner import RaceRun
@@ -203,3 +204,17 @@ class TestDesign:
     def test_too_small_a_budget(self, mission):
         with pytest.raises(RaceError, match="budget"):
             md.design(mission, budget=3)
+
+
+@pytest.mark.parametrize("arguments", [(-1, 2), (1, -2)])
+def test_fresh_instances_of_a_negative_number(arguments):
+    with pytest.raises(md.MercatorError, match="expected at least 0, found -"):
+        md.fresh_instances(*arguments)
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_files_may_be_texts_or_paths(kind, tmp_path):
+    (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20\n")
+    assert md.read_fsm(kind(tmp_path / "fsm.txt")).pfsm == md.parse_fsm("--nstates 1 --s0 0 --rwm0 20")
+    assert md.load_mission(kind(shipped.missions()["aggregation"])) == md.load_mission("aggregation")
+    assert md.load_robot_model(kind(shipped.robot_models()["epuck"])).name == "epuck"

@@ -21,12 +21,13 @@ def robot_models() -> dict[str, Path]:
     return _files(_folder() / "robots")
 
 
-def find(text: str, shipped: Mapping[str, Path], kind: str) -> Path:
+def find(name_or_path: str | Path, shipped: Mapping[str, Path], kind: str) -> Path:
     """The file that a name or path means.
 
     Raises:
         MissionError: if it is neither, with the nearest known name.
     """
+    text = str(name_or_path)
     return Path(text) if is_path(text) else shipped[named(text, shipped, kind)]
 
 

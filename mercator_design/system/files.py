@@ -42,15 +42,15 @@ def read_small(path: Path, max_size: int) -> bytes:
     raise Unreadable(wrong)
 
 
-def contents_of(path: Path, max_size: int, error: type[Exception], label: str = "") -> bytes:
+def contents_of(path: str | Path, max_size: int, error: type[Exception], label: str = "") -> bytes:
     """As `read_small`; raises an error of the given class, which names the path, or another label."""
     try:
-        return read_small(path, max_size)
+        return read_small(Path(path), max_size)
     except Unreadable as wrong:
         raise error(f"{label or path}: {wrong}") from None
 
 
-def small_text(path: Path, max_size: int, error: type[Exception], label: str = "") -> str:
+def small_text(path: str | Path, max_size: int, error: type[Exception], label: str = "") -> str:
     """The text of a UTF-8 file; errors are those of `contents_of`, with the line of what is not UTF-8."""
     data = contents_of(path, max_size, error, label)
     try:

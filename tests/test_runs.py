@@ -994,7 +994,7 @@ class TestAnalysis:
         configurations = tuple(from_pfsm(pfsm) for pfsm in (whole, less))
         ablation = Ablation(task=task, start="the winner", steps=steps, configurations=configurations, simplifies=True)
         *_, says, fsm = ablation_page(ablation).splitlines()
-        assert says == f"Up to step {last}, nothing is significantly worse than the winner; there it is"
+        assert says == f"The last step that is not significantly worse than the winner is step {last}:"
         assert fsm == to_text((whole, less)[last])
         table = pd.read_csv(io.StringIO(ablation_csv(ablation)))
         assert list(table.fsm) == [to_text(whole), to_text(less)]

@@ -113,7 +113,7 @@ def _what_suffices(ablation: Ablation) -> list[str]:
     columns = ablation.task.columns(ablation.task.start(), [ablation.configurations[last]])
     return [
         "",
-        f"Up to step {last}, nothing is significantly worse than the winner; there it is",
+        f"The last step that is not significantly worse than the winner is step {last}:",
         *(str(value) for [value] in columns.values()),
     ]
 

@@ -262,7 +262,7 @@ def report(table: Table, against: str) -> Iterator[str]:
         yield from (verdict(table, method, against, budget) for method in others if comparisons[method])
     if "default" in table.methods:
         yield from bought(table, "default")
-    without = [method for method in table.methods if method.startswith("no-")]
+    without = [method for method in table.methods if method.startswith("no-") or "=" in method]
     if without and "default" in table.methods:
         yield from left_out(table, without)
     if {"default", "irace"} <= set(table.methods):

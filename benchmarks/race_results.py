@@ -1,9 +1,9 @@
 """Races of methods on problems, and their results in a file that several processes may share.
 
-Methods are those of `mdesign race --method`, `default`, and `no-NAME`, the default with its option NAME at zero.
-`no-structure` has no simple configurations and no canonical form, either; `no-moves` has both, and only lacks the moves
-in the structure: its neighbours change a few parameters. METHOD@CODE has the results that the file has of another
-version of the code.
+Methods are those of `mdesign race --method`, `default`, `NAME=VALUE`, which is the default with another value of its
+option NAME, and `no-NAME`, with its option NAME at zero. `no-structure` has no simple configurations and no canonical
+form, either; `no-moves` has both, and only lacks the moves in the structure: its neighbours change a few parameters.
+METHOD@CODE has the results that the file has of another version of the code.
 """
 
 import contextlib
@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 import mercator_design
+from mercator_design.errors import RaceError
 from mercator_design.jit import kernels_digest
 from mercator_design.race import Configuration, Halving, HalvingOptions, Space
 from mercator_design.race.candidates.moves import Moves
@@ -91,13 +92,16 @@ def space_for(method: str, space: Space) -> Space:
 
 
 def options_of(method: str) -> HalvingOptions:
-    """`default`, or `no-NAME`: the default without an option."""
+    """Those of `default`, `NAME=VALUE` or `no-NAME`."""
+    default = HalvingOptions()
     if method in ("default", NO_MOVES):
-        return HalvingOptions()
-    name = method.removeprefix("no-")
-    if method == name or not hasattr(HalvingOptions(), name):
-        sys.exit(f"--methods: expected default, no-NAME of an option or {', '.join(METHODS)}, found {method}")
-    return replace(HalvingOptions(), **{name: type(getattr(HalvingOptions(), name))(0)})
+        return default
+    name, _, value = (f"{method[3:]}=0" if method.startswith("no-") else method).partition("=")
+    try:
+        return replace(default, **{name: type(getattr(default, name))(float(value))})
+    except (AttributeError, ValueError, RaceError):
+        known = f"default, NAME=VALUE or no-NAME of an option or {', '.join(METHODS)}"
+        sys.exit(f"--methods: expected {known}, found {method}")
 
 
 @cache

@@ -51,8 +51,11 @@ def test_a_problem_s_parameters_become_a_space():
 def test_methods_are_options():
     assert options_of("default") == HalvingOptions()
     assert options_of("no-surrogate") == HalvingOptions(surrogate=0)
-    with pytest.raises(SystemExit, match="expected default, no-NAME of an option or halving, irace"):
-        options_of("no-such")
+    assert options_of("simple=0.3") == HalvingOptions(simple=0.3)
+    assert options_of("elites=3") == HalvingOptions(elites=3)
+    for wrong in ("no-such", "such=1", "surrogate", "surrogate=2", "surrogate=much"):
+        with pytest.raises(SystemExit, match="expected default, NAME=VALUE or no-NAME of an option or halving, irace"):
+            options_of(wrong)
 
 
 def test_without_moves_a_race_keeps_simple_configurations_and_canonical_form():

@@ -9,7 +9,7 @@ import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, assert_never
 
 from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Range
@@ -219,6 +219,8 @@ class Record:
                 self._take_end(event)
             case SessionStarted() | SessionStopped():
                 self.sessions.append(event)
+            case _:
+                assert_never(event)
 
     @property
     def _is_strict(self) -> bool:

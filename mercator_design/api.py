@@ -15,7 +15,7 @@ from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.race.executors.executor import Executor, available_jobs, in_order
+from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.racing.summary import Scores
@@ -115,19 +115,19 @@ def evaluate(
     Raises:
         FsmError: The PFSM needs a sensor that the robot lacks.
         MissionError: The robots do not fit, or the objective has no score for what they did.
-        SimulationError: There are no seeds, or one is negative; or `jobs` is negative.
+        RaceError: `jobs` is below 1.
+        SimulationError: There are no seeds, or one is negative.
     """
     seeds = tuple(fresh_instances() if seeds is None else seeds)
     _check_minimum("number of seeds", len(seeds), 1)
     _check_minimum("seed", min(seeds), 0)
-    _check_minimum("jobs", jobs or 0, 0)
     simulator = Simulator(mission, robot_model)
     simulator.check(pfsm)
 
     def measured(seed: int) -> float:
         return simulator.run(pfsm, seed).score
 
-    with ThreadExecutor(jobs or available_jobs()) as executor:
+    with ThreadExecutor(jobs) as executor:
         scores = in_order(executor, measured, seeds, watch)
     return Evaluation(scores=Scores(tuple(scores)), seeds=seeds)
 
@@ -216,17 +216,17 @@ def design(
     Raises:
         FsmError: The robot lacks a sensor that a module of the flavour needs.
         MissionError: The mission is impossible.
-        RaceError: The budget is too small, or the folder has files; or there is no such flavour, method or way to fail.
-        SimulationError: `jobs`, `seed` or `test_runs` is negative.
+        RaceError: The budget is too small, or the folder has files; there is no such flavour, method or way to fail; or
+            `jobs` or `test_runs` is too small.
+        SimulationError: `seed` is negative.
     """
     _check_choice("flavour", flavour, FLAVOURS)
     _check_choice("method", method, METHODS)
     _check_choice("on_failure", on_failure, get_args(OnFailure))
-    for name, number in (("jobs", jobs or 0), ("seed", seed), ("test_runs", test_runs)):
-        _check_minimum(name, number, 0)
-    designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
+    _check_minimum("seed", seed, 0)
     testing = Testing(runs=test_runs) if test_runs else None
-    executor = ThreadExecutor(jobs or available_jobs())
+    executor = ThreadExecutor(jobs)
+    designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
     run_folder = None
     if folder is not None:
         from mercator_design.runs.folder import RunFolder

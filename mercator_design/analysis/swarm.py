@@ -9,7 +9,7 @@ import numpy as np
 from mercator_design.api import Evaluation
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
-from mercator_design.race.executors.executor import available_jobs, in_order
+from mercator_design.race.executors.executor import in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.racing.summary import Scores
 from mercator_design.sim.labels import floor_labels, label_of
@@ -46,7 +46,7 @@ def evaluate_with_stats(
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
 ) -> tuple[Evaluation, SwarmStats]:
     """As `api.evaluate`, with what the swarm did; the experiments are recorded, which takes longer."""
-    with ThreadExecutor(jobs or available_jobs()) as executor:
+    with ThreadExecutor(jobs) as executor:
         found = in_order(executor, partial(_observed, simulator, pfsm), seeds, watch)
     evaluation = Evaluation(scores=Scores(tuple(score for score, _ in found)), seeds=tuple(seeds))
     return evaluation, _mean([stats for _, stats in found])

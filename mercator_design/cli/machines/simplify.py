@@ -23,7 +23,7 @@ from mercator_design.command import (
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
-from mercator_design.race.executors.executor import available_jobs, in_order
+from mercator_design.race.executors.executor import in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.report.progress import Display
 from mercator_design.report.simplification import evidence, simplification_page
@@ -89,7 +89,7 @@ def simplify(
         pfsm, instance = item
         return simulator.run(pfsm, instance_seed(seed, "simplification", instance)).score
 
-    with Interrupt() as interrupt, ThreadExecutor(jobs or available_jobs()) as executor:
+    with Interrupt() as interrupt, ThreadExecutor(jobs) as executor:
 
         def measure(pfsms: Sequence[Pfsm], instances: range, what: str) -> list[list[float]]:
             items = [(pfsm, instance) for pfsm in pfsms for instance in instances]

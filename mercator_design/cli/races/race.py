@@ -28,7 +28,7 @@ from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_note
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.executors.executor import Executor, available_jobs
+from mercator_design.race.executors.executor import Executor
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
@@ -167,5 +167,5 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
         return DaskExecutor(scheduler, jobs, announce=lambda what: print_note(f"Note: {what}"))
     if name == "processes":
-        return ProcessExecutor(jobs or available_jobs(), timeout=timeout)
-    return ThreadExecutor(jobs or available_jobs())
+        return ProcessExecutor(jobs, timeout=timeout)
+    return ThreadExecutor(jobs)

@@ -9,7 +9,6 @@ import click
 from mercator_design.analysis.proof import Proof, default_runs, prove, read_proof
 from mercator_design.command import print_note
 from mercator_design.errors import RaceError
-from mercator_design.race.executors.executor import available_jobs
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.running.task import Task
 from mercator_design.report.page.facts import Facts
@@ -97,7 +96,7 @@ def _proof(
     designer.prepare(print_note)
     runs = runs or default_runs(designer, record)
     display = Display("report: comparing the winner", 0, progress)
-    with ThreadExecutor(jobs or available_jobs()) as executor, display:
+    with ThreadExecutor(jobs) as executor, display:
 
         def watch(done: int, total: int) -> None:
             display.show(done, total=total)

@@ -12,7 +12,6 @@ from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
-from mercator_design.race.executors.executor import available_jobs
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.report.analysis import (
     ABLATION,
@@ -130,7 +129,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
     The exit code is 1 if a result differs.
     """
     task = restored(directory)
-    with Interrupt(then=task.stop) as interrupt, ThreadExecutor(jobs or available_jobs()) as executor:
+    with Interrupt(then=task.stop) as interrupt, ThreadExecutor(jobs) as executor:
         for line in verify_run(directory, task, number, executor, announce=print_message, stopped=interrupt.came):
             print_result(line)
 
@@ -185,7 +184,7 @@ def ablation(
     if start is not None and first:
         raise click.UsageError("--from and --from-first exclude each other")
     task = restored(directory)
-    pool = ThreadExecutor(jobs or available_jobs())
+    pool = ThreadExecutor(jobs)
     with Interrupt(then=task.stop) as interrupt, pool as executor, AblationDisplay() as display:
         result = analysis.ablation(
             directory,

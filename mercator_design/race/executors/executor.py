@@ -105,6 +105,19 @@ def available_jobs() -> int:
     return int(cpu_count())
 
 
+def checked_jobs(jobs: int | None) -> int:
+    """How many items run at once: as many as given, by default `available_jobs`.
+
+    Raises:
+        RaceError: There are none.
+    """
+    if jobs is None:
+        return available_jobs()
+    if jobs < 1:
+        raise RaceError(f"jobs: expected at least 1, found {jobs}")
+    return jobs
+
+
 def attempt(function: Callable[[T], R], item: T, errors: type[BaseException] = BaseException) -> R | Failed:
     """Call a function on an item; any exception, also SystemExit, is a failure of this item.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from mercator_design.errors import described
-from mercator_design.race.executors.executor import MAX_WAIT, Failed, WorkerUnfit, call_packed
+from mercator_design.race.executors.executor import MAX_WAIT, Failed, WorkerUnfit, call_packed, checked_jobs
 
 if TYPE_CHECKING:
     from joblib.externals.loky import ProcessPoolExecutor
@@ -48,8 +48,10 @@ class ProcessExecutor:
     experiments are not affected.
     """
 
-    def __init__(self, jobs: int, *, timeout: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
-        self.jobs = jobs
+    def __init__(
+        self, jobs: int | None = None, *, timeout: float | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.jobs = checked_jobs(jobs)
         self._timeout, self._clock = timeout, clock
         self._workers: list[ProcessPoolExecutor] = []  # of one process each
         self._new: set[int] = set()  # indices of workers that have not finished an experiment yet

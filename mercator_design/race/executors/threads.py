@@ -15,7 +15,7 @@ from itertools import islice, takewhile
 from operator import length_hint
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
-from mercator_design.race.executors.executor import MAX_WAIT, Failed, attempt
+from mercator_design.race.executors.executor import MAX_WAIT, Failed, attempt, checked_jobs
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -47,10 +47,17 @@ class ThreadExecutor:
     The calling thread runs no items: so exceptions of signals and exceptions of items cannot be confused. Items of a
     `Stepped` function run in groups if they are short, and if `items` has a length hint: towards its end groups become
     smaller, so that all threads end at the same time.
+
+    Args:
+        jobs: Number of threads. [default: the cores of this machine]
+        clock: Returns the time [s].
+
+    Raises:
+        RaceError: `jobs` is below 1.
     """
 
-    def __init__(self, jobs: int, *, clock: Callable[[], float] = time.perf_counter) -> None:
-        self.jobs = jobs
+    def __init__(self, jobs: int | None = None, *, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.jobs = checked_jobs(jobs)
         self._clock = clock
         self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []

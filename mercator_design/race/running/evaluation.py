@@ -30,11 +30,19 @@ class Testing:
     runs: Number of test instances for each configuration.
     elites: Number of elites to test, best first (irace's testNbElites).
     iterations: Whether to test the same number of elites of each iteration (irace's testIterationElites).
+
+    Raises:
+        RaceError: There are no runs or elites.
     """
 
     runs: Annotated[int, Range(1)]
     elites: Annotated[int, Range(1)] = 1
     iterations: bool = False
+
+    def __post_init__(self) -> None:
+        for name, number in (("test runs", self.runs), ("test elites", self.elites)):
+            if number < 1:
+                raise RaceError(f"{name}: expected at least 1, found {number}")
 
     def configurations(self, race: Optimizer) -> list[int]:
         """The configurations to test: the winner first, then the other elites, then former elites."""

@@ -13,7 +13,7 @@ import pytest
 
 from mercator_design.robot.protocols.clocks import Clock, answer, day_of, from_line, probe, to_line
 from mercator_design.robot.protocols.joint_start import LEAD, SILENCE, Follower, Leader, Reference
-from mercator_design.robot.run.joint import Joint
+from mercator_design.robot.run.joint import AwaitedStart
 
 CYCLE, PATIENCE = 0.1, 6.0
 STEP = 0.02
@@ -380,7 +380,7 @@ def test_clocks_that_are_not_read_at_the_same_time_are_read_again(lateness, monk
 def test_the_offset_in_the_log_is_within_its_uncertainty(monkeypatch):
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: 0))
     monkeypatch.setattr(sys, "stdout", SimpleNamespace(fileno=lambda: 1))
-    joint = Joint()
+    joint = AwaitedStart()
     joint._follower.reference = Reference(host="desk", offset=4993.0, uncertainty=0.0004)
     interrupt(monkeypatch, [0.03])
     assert joint.clock() == ("desk", pytest.approx(7.0, abs=0.0004), 0.0004)

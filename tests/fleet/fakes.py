@@ -41,7 +41,7 @@ if "run" in sys.argv:
     from mercator_design.robot.run import control, joint, mercator, safety
     joint_start.SILENCE = control.STALL = safety.STALL = mercator.START_LIMIT = 600.0
     robot = joint_start.Follower
-    consider, begin, wait = robot._consider, robot.begin, joint.Joint.wait
+    consider, begin, wait = robot._consider, robot.begin, joint.AwaitedStart.wait
     robot._consider = lambda self, said, now: consider(self, said, min(now, said["at"] - 1e-6))
     robot.begin = lambda self, now, cycle: begin(self, now, 600.0)
     def wait_for_go(self, control):
@@ -49,7 +49,7 @@ if "run" in sys.argv:
         while not self._follower._may_go:
             self._attend(control, time.monotonic() + 0.01)
         self._follower.at = max(self._follower.at, time.monotonic())
-    joint.Joint.wait = wait_for_go
+    joint.AwaitedStart.wait = wait_for_go
 if "check" in sys.argv:
     from mercator_design.robot.devices import ports
     from mercator_design.robot.setup import check

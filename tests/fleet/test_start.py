@@ -180,7 +180,7 @@ def test_one_that_is_late_stops_the_others(deploy, robots, field):
     late = """from mercator_design.robot.run import joint
 if "run" in sys.argv and Path.cwd().parent.name == "r2":
     robot.begin = begin
-    joint.Joint.wait = lambda joint, control, due=joint.Joint.due: control.wait(due(joint) + 0.3)
+    joint.AwaitedStart.wait = lambda joint, control, due=joint.AwaitedStart.due: control.wait(due(joint) + 0.3)
 """
     python.write_text(python.read_text().replace("del sys", f"from pathlib import Path\n{late}del sys"))
     code, out, err = deploy("fsm.txt", "--start", "--duration", "60")

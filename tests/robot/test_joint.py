@@ -16,7 +16,7 @@ import pytest
 from mercator_design.errors import RobotStopped
 from mercator_design.robot.protocols import joint_start
 from mercator_design.robot.protocols.clocks import Clock, from_line, probe, to_line
-from mercator_design.robot.run.joint import Joint
+from mercator_design.robot.run.joint import AwaitedStart
 from mercator_design.robot.run.network import HEARTBEAT, Speaker
 from tests.processes import LIMIT
 from tests.robot.log_events import read
@@ -241,8 +241,8 @@ def test_a_robot_that_is_late_does_not_begin(tmp_path):
     late = """
 import time
 from mercator_design.robot.run import joint
-due = joint.Joint.due
-joint.Joint.wait = lambda joint, control: control.wait(due(joint) + 0.3)
+due = joint.AwaitedStart.due
+joint.AwaitedStart.wait = lambda joint, control: control.wait(due(joint) + 0.3)
 """
     with awaiting(tmp_path, lead=PATIENT + late) as (robot, leader):
         leader.offer(0.5)
@@ -281,8 +281,8 @@ def test_a_start_that_is_called_off_when_it_has_begun(tmp_path, what):
 def test_a_leader_that_is_not_heard_any_more_when_it_has_begun(tmp_path):
     lead = """
 from mercator_design.robot.run import joint
-begin = joint.Joint.begin
-joint.Joint.begin = lambda *given: (begin(*given), setattr(joint_start, "SILENCE", 1.0))
+begin = joint.AwaitedStart.begin
+joint.AwaitedStart.begin = lambda *given: (begin(*given), setattr(joint_start, "SILENCE", 1.0))
 """
 
     def attempt(number):
@@ -355,7 +355,7 @@ def joint(monkeypatch):
     hears, says = os.pipe(), os.pipe()
     monkeypatch.setattr("sys.stdin", SimpleNamespace(fileno=lambda: hears[0]))
     monkeypatch.setattr("sys.stdout", SimpleNamespace(fileno=lambda: says[1]))
-    yield Joint(), hears[1], says[1]
+    yield AwaitedStart(), hears[1], says[1]
     for end in (*hears, *says):
         os.close(end)
 

@@ -9,7 +9,7 @@ from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile, naming_h
 from mercator_design.robot.cli.options import DURATION, ROBOT, SEED, WITHOUT, naming_in_the_end, new_file
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.robot.run.joint import AtOnce, Joint
+from mercator_design.robot.run.joint import AwaitedStart, ImmediateStart
 from mercator_design.robot.run.runner import Run
 from mercator_design.robot.run.runner import run as drive
 from mercator_design.robot.run.senses import why_device_is_needed
@@ -70,5 +70,5 @@ def run(
     for device in without:
         print_message(f"Without {device}: it is not used, and its readings are neutral.")
     with naming_in_the_end(path, "log", print_message), naming_header(fsm):
-        drive(settings, what, path, print_message, Joint() if await_start else AtOnce())
+        drive(settings, what, path, print_message, AwaitedStart() if await_start else ImmediateStart())
         print_message("The duration is over.")

@@ -21,7 +21,7 @@ _CHECK_EVERY = 0.05  # [s] between checks of the devices
 _ARM_AHEAD = 0.05  # [s] before the first control cycle
 
 
-class AtOnce:
+class ImmediateStart:
     """A run that begins when its robot has started up."""
 
     def listening(self) -> contextlib.AbstractContextManager[object]:
@@ -29,7 +29,7 @@ class AtOnce:
         return contextlib.nullcontext()
 
     @contextlib.contextmanager
-    def taking_part(self, control: Control, log: Path) -> Iterator[None]:  # noqa: ARG002 - as in `Joint`
+    def taking_part(self, control: Control, log: Path) -> Iterator[None]:  # noqa: ARG002 - as in `AwaitedStart`
         """The context of the run, from the robot's start-up to the end."""
         yield
 
@@ -48,7 +48,7 @@ class AtOnce:
         """Take in that the first control cycle, of `cycle` seconds, begins at a time [s]."""
 
 
-class Joint(AtOnce):
+class AwaitedStart(ImmediateStart):
     """A run that begins together with others (robot/protocols/joint_start.py).
 
     A thread reads the leader's lines, and pulls the brake if the leader sends a stop or falls silent.
@@ -93,7 +93,7 @@ class Joint(AtOnce):
         return ClockOffset(reference.host, ahead=round(ahead, 6), uncertainty=round(reference.uncertainty, 6))
 
     def wait(self, control: Control) -> None:
-        """As `AtOnce.wait`; raises as `taking_part`."""
+        """As `ImmediateStart.wait`; raises as `taking_part`."""
         end = self.due() - _ARM_AHEAD
         while (now := time.monotonic()) < end:
             self._attend(control, min(now + _CHECK_EVERY, end))
@@ -105,7 +105,7 @@ class Joint(AtOnce):
         return self._follower.at
 
     def begin(self, now: float, cycle: float) -> None:
-        """As `AtOnce.begin`; raises `RobotStopped` if the run must not begin."""
+        """As `ImmediateStart.begin`; raises `RobotStopped` if the run must not begin."""
         with self._lock:
             self._send(self._follower.begin(now, cycle))
             why = self._follower.why

@@ -20,7 +20,7 @@ from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
 from mercator_design.robot.logs.log import Log, finite, plain
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
-from mercator_design.robot.run.joint import AtOnce
+from mercator_design.robot.run.joint import ImmediateStart
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.robot.run.service import notify
 
@@ -42,7 +42,7 @@ class Run:
 
 
 def run(
-    settings: Settings, what: Run, path: Path, report: Callable[[str], None], together: AtOnce | None = None
+    settings: Settings, what: Run, path: Path, report: Callable[[str], None], start: ImmediateStart | None = None
 ) -> None:
     """Run a PFSM on the robot, until its duration is over.
 
@@ -51,7 +51,7 @@ def run(
         what: The PFSM and its options.
         path: The log, a new file.
         report: Called with messages for people.
-        together: When the run begins; None: at once.
+        start: When the run begins; None: at once.
 
     Raises:
         FsmError: if the header of the PFSM's file has a floor, a speed or the like that this robot cannot have.
@@ -59,7 +59,7 @@ def run(
     """
     settings, pfsm = settings.as_raced(what.file.header), what.file.pfsm
     try:
-        _run(settings, what, path, report, together or AtOnce())
+        _run(settings, what, path, report, start or ImmediateStart())
     except RobotError as error:
         if error.device in OPTIONAL_DEVICES:
             why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
@@ -67,7 +67,7 @@ def run(
         raise
 
 
-def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], begins: AtOnce) -> None:
+def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], start: ImmediateStart) -> None:
     log, pfsm, header = Log(path), what.file.pfsm, what.file.header
     labels = settings.labels_of(header)
     if header.get("control software", control_digest()) != control_digest():
@@ -75,20 +75,20 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
             "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
         )
     with (
-        begins.listening(),
+        start.listening(),
         in_control(settings, pfsm.reads, labels, log, what.without) as control,
         ExitStack() as ending,
     ):
         ending.callback(notify, STOPPING=1, STATUS="stopped, shuts down")
         control.robot.facts["floor"] = " or ".join(labels)
-        with begins.taking_part(control, path):
-            log.begin(_start(settings, what, control.robot.facts, begins.clock()))
+        with start.taking_part(control, path):
+            log.begin(_start(settings, what, control.robot.facts, start.clock()))
             control.robot.notes.send_to(log.remark, report)
             control.robot.introduce(report)
-            begins.wait(control)
+            start.wait(control)
             control.arm()
             notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-            _cycles(control, Controller(pfsm, settings.reference_model), what, log, begins)
+            _cycles(control, Controller(pfsm, settings.reference_model), what, log, start)
 
 
 def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: ClockOffset | None) -> RunStarted:
@@ -111,17 +111,17 @@ def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: Cl
     )
 
 
-def _cycles(control: Control, controller: Controller, what: Run, log: Log, begins: AtOnce) -> None:
+def _cycles(control: Control, controller: Controller, what: Run, log: Log, start: ImmediateStart) -> None:
     """Run control cycles until the duration is over."""
     robot, random = control.robot, Random(what.seed)
-    first = begins.due()
+    first = start.due()
     end = math.inf if what.duration is None else what.duration - 0.5 * what.period
     program = time.process_time()
     for cycle, begin in enumerate(control.cycles(what.period, first)):
         if begin - first >= end:
             return
         if cycle == 0:
-            begins.begin(begin, what.period)
+            start.begin(begin, what.period)
         thread = time.thread_time()
         state, readings = controller.state, robot.readings()
         draws = [random.random() for _ in range(DRAWS)]

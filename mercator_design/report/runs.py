@@ -14,6 +14,7 @@ from mercator_design.report.columns import aligned, narrowed
 from mercator_design.report.iterations import best_line, incumbents, iteration_notes, iterations_table
 from mercator_design.report.summary import test_lines
 from mercator_design.runs.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
+from mercator_design.view.charts import Axis
 
 _COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
 _DISPENSABLE = ("started", "seed", "name", "budget")
@@ -154,7 +155,6 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
         OSError: The picture cannot be written.
         RaceError: As `side_by_side`.
     """
-    from mercator_design.view.charts import Axis
     from mercator_design.view.pictures.figures import save_curves
 
     lines, names = [], []

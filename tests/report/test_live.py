@@ -127,8 +127,9 @@ class TestJsonLines:
         assert code == 0
         found = [json.loads(line) for line in out.splitlines()]
         assert found[0] == streamed(raced)[0]
-        kept = [event for event in streamed(raced) if event["event"] in {"experiment", "iteration", "end"}]
-        assert [event for event in found if event["event"] in {"experiment", "iteration", "end"}] == kept
+        kinds = {"configuration", "experiment", "iteration", "end"}
+        kept = [event for event in streamed(raced) if event["event"] in kinds]
+        assert [event for event in found if event["event"] in kinds] == kept
         assert "aggregation: iteration 1 ended" in err
 
     def test_the_documented_events_are_those_of_the_code(self):

@@ -26,6 +26,7 @@ from mercator_design.race.racing.race import Experiment
 from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.evaluation import Testing, experiment_of, known_tests, results_of, test_of
 from mercator_design.race.running.events import (
+    ConfigurationAdded,
     Event,
     ExperimentDone,
     IterationEnded,
@@ -46,8 +47,8 @@ T = TypeVar("T")
 class RaceRun(Generic[T]):
     """A running race with its tests: an iterator of its events in the order in which they happen.
 
-    Events that are already in the record come again, in the order in which the race asks for their experiments. When an
-    event is returned, the race is in the state after this event.
+    Events that are already in the record come again, except those of speculative experiments, in the order in which the
+    race asks for their experiments. When an event is returned, the race is in the state after this event.
 
     Args:
         problem: The problem to race on.
@@ -94,6 +95,7 @@ class RaceRun(Generic[T]):
         self._next_batch: NextBatch | None = None  # for the next batch, while the race proposes it
         self._held: dict[Experiment, Measurement | Failed] = {}  # results that are not recorded yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
+        self._seen: set[int] = set()  # configurations whose event was returned
         self._n_told = 0
         self._n_iterations = 0
         self._n_revised = 0
@@ -383,9 +385,13 @@ class RaceRun(Generic[T]):
         numbers = dict.fromkeys(experiment.configuration for experiment in self._batch)
         values, parents = self._optimizer.configurations, self._optimizer.parents
         if new := self._record.new_configurations(numbers, values, parents):
-            self._note(*new)
-        for number in numbers:
+            self._journal.note(*new)
+        for number in [one for one in numbers if one not in self._seen]:
+            self._pending.append(
+                ConfigurationAdded(configuration=number, parent=parents[number], values=values[number])
+            )
             self._record.configurations[number] = values[number]  # once in memory is enough
+        self._seen |= numbers.keys()
 
     def _note_end(self) -> None:
         budget = self._record.budgets[self._n_ends]

@@ -31,6 +31,7 @@ import argparse
 import contextlib
 import gc
 import hashlib
+import logging
 import os
 import sys
 import threading
@@ -211,7 +212,7 @@ def executor_of(kind: str, jobs: int) -> Iterator[TimedExecutor]:
             from mercator_design.race.executors.dask import DaskExecutor
 
             cluster = stack.enter_context(
-                LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=":0", silence_logs="error")
+                LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.ERROR)
             )
             executor = DaskExecutor(cluster.scheduler_address)
         yield stack.enter_context(TimedExecutor(executor))

@@ -80,8 +80,7 @@ class RaceRun(Generic[T]):
         self.problem = problem
         self._optimizer = problem.optimizer
         self._executor = executor
-        self._journal = record
-        self._record = record.record
+        self._journal, self._record = record, record.record
         self._on_failure = on_failure
         self._testing = testing
         self._stopped = stopped
@@ -96,10 +95,7 @@ class RaceRun(Generic[T]):
         self._held: dict[Experiment, Measurement | Failed] = {}  # results that are not recorded yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
         self._seen: set[int] = set()  # configurations whose event was returned
-        self._n_told = 0
-        self._n_iterations = 0
-        self._n_revised = 0
-        self._n_ends = 0
+        self._n_told = self._n_iterations = self._n_revised = self._n_ends = 0
         self._ended = False
         self._result: RaceResult | None = None
 
@@ -156,10 +152,7 @@ class RaceRun(Generic[T]):
         if self._next_batch is not None:  # stopped
             self._take(self._next_batch)
             yield from self._unseen()
-        if self._failures:
-            raise self._failures[min(self._failures)]
-        if not self._ended:
-            raise ExecutorStopped
+        self._check_end(is_complete=self._ended)
         for found, what, noted in (
             (self._n_told, "experiments", record.experiments),
             (self._n_iterations, "iterations", record.iterations),
@@ -181,9 +174,12 @@ class RaceRun(Generic[T]):
         for where, result in results:
             self._accept(result, test_of(problem, where, result), missing[where])
             yield from self._unseen()
+        self._check_end(is_complete=all(one in self._record.tests for one in tests))
+
+    def _check_end(self, *, is_complete: bool) -> None:
         if self._failures:
             raise self._failures[min(self._failures)]
-        if any(one not in self._record.tests for one in tests):
+        if not is_complete:
             raise ExecutorStopped
 
     def _is_over(self) -> bool:
@@ -386,11 +382,9 @@ class RaceRun(Generic[T]):
         values, parents = self._optimizer.configurations, self._optimizer.parents
         if new := self._record.new_configurations(numbers, values, parents):
             self._journal.note(*new)
-        for number in [one for one in numbers if one not in self._seen]:
-            self._pending.append(
-                ConfigurationAdded(configuration=number, parent=parents[number], values=values[number])
-            )
-            self._record.configurations[number] = values[number]  # once in memory is enough
+        for one in [one for one in numbers if one not in self._seen]:
+            self._pending.append(ConfigurationAdded(configuration=one, parent=parents[one], values=values[one]))
+            self._record.configurations[one] = values[one]  # once in memory is enough
         self._seen |= numbers.keys()
 
     def _note_end(self) -> None:

@@ -286,9 +286,9 @@ def verdict(table: Table, method: str, other: str, budget: int) -> str:
 
 
 def left_out(table: Table, methods: Sequence[str]) -> Iterator[str]:
-    """The default beside itself without one option."""
-    yield "\n## The default beside itself without an option: share of better designs, p (van Elteren)\n"
-    yield f"| without | {' | '.join(f'{budget}' for budget in table.budgets)} |"
+    """The default beside itself without one option, or with another value of it."""
+    yield "\n## The default beside itself with another value of an option: share of better designs, p (van Elteren)\n"
+    yield f"| without, or with | {' | '.join(f'{budget}' for budget in table.budgets)} |"
     yield "|---" * (1 + len(table.budgets)) + "|"
     for method in methods:
         cells = []

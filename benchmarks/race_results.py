@@ -99,7 +99,7 @@ def options_of(method: str) -> HalvingOptions:
     name, _, value = (f"{method[3:]}=0" if method.startswith("no-") else method).partition("=")
     try:
         return replace(default, **{name: type(getattr(default, name))(float(value))})
-    except (AttributeError, ValueError, RaceError):
+    except (AttributeError, ValueError, OverflowError, RaceError):
         known = f"default, NAME=VALUE or no-NAME of an option or {', '.join(METHODS)}"
         sys.exit(f"--methods: expected {known}, found {method}")
 

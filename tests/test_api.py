@@ -98,6 +98,7 @@ def test_other_robots_than_the_mission_s(mission):
     [
         ({"seeds": []}, "number of seeds: expected at least 1, found 0"),
         ({"seeds": [1, -1]}, "seed: expected at least 0, found -1"),
+        ({"jobs": -1}, "jobs: expected at least 1, found -1"),
         ({"jobs": 0}, "jobs: expected at least 1, found 0"),
     ],
 )
@@ -192,6 +193,7 @@ class TestDesign:
             ({"method": "nope"}, "method: expected one of halving, irace, .*, found nope"),
             ({"on_failure": "nope"}, "on_failure: expected one of stop, reject, found nope"),
             ({"test_runs": -3}, "test runs: expected at least 1, found -3"),
+            ({"jobs": -1}, "jobs: expected at least 1, found -1"),
             ({"jobs": 0}, "jobs: expected at least 1, found 0"),
             ({"seed": -1}, "seed: expected at least 0, found -1"),
         ],

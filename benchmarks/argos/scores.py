@@ -270,6 +270,7 @@ def _repeated(original: Original, pfsm: Pfsm, seed: int) -> dict[str, float]:
 
 
 def measured_columns(seeds: Sequence[int], measure: Callable[[int], dict[str, float]], jobs: int) -> Columns:
+    """What an experiment measures, by its name, over the seeds."""
     with ThreadExecutor(jobs) as executor:
         rows = in_order(executor, measure, seeds)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -15,7 +15,7 @@ from mercator_design.robot.cli import VERBS
 
 _PACKAGE = Path(__file__).parents[1]
 _ENTRY = f"{_PACKAGE.name}.robot.cli"
-NEEDED = ("click", "PyYAML", "pyserial")
+NEEDED_PACKAGES = ("click", "PyYAML", "pyserial")
 _MAIN = f"""\
 import sys
 
@@ -44,7 +44,7 @@ def bundle() -> bytes:
     licence = packaged if packaged.is_file() else _PACKAGE.parent / "LICENSE"  # beside the package in a clone
     files["licences/mercator-design.txt"] = licence.read_bytes()
     files["licences/pyserial.txt"] = (_PACKAGE / "fleet/LICENSE-pyserial.txt").read_bytes()  # its wheel has none
-    for name in NEEDED:
+    for name in NEEDED_PACKAGES:
         files |= _taken_from(name)
     files |= {f"{place}c": _byte_code(place, data) for place, data in files.items() if place.endswith(".py")}
     archive = io.BytesIO()

@@ -10,7 +10,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.errors import RobotError
 from mercator_design.fleet.deploy import BE_IDLE, PROGRAM, Fleet
 from mercator_design.fleet.ssh import RemoteRobot, conversing, hear
-from mercator_design.robot.devices.findings import CheckResult
+from mercator_design.robot.devices.findings import RobotFinding
 from mercator_design.robot.protocols.clocks import PROBE, Clock, from_line, probe
 
 COLUMNS = {
@@ -33,7 +33,7 @@ class Checked:
     """The findings on a robot."""
 
     robot: RemoteRobot
-    findings: list[CheckResult] = field(default_factory=list)
+    findings: list[RobotFinding] = field(default_factory=list)
     is_done: bool = False  # whether the check has ended
     clock: Clock = field(default_factory=Clock)
     failure: str = ""  # why the check could not run to its end; empty if it did
@@ -100,7 +100,7 @@ def _take(checked: Checked, lines: Sequence[bytes]) -> None:
 
 def _add_finding(checked: Checked, said: dict[str, Any]) -> None:
     try:
-        found = from_json(said, CheckResult, error=RobotError, path="finding")
+        found = from_json(said, RobotFinding, error=RobotError, path="finding")
     except RobotError as error:
         checked.failure = f"its check sends what is no finding: {error}"
         return

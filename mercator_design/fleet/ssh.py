@@ -21,7 +21,7 @@ _OPTIONS = {
     "ServerAliveCountMax": "3",
     "ServerAliveInterval": "5",
 }
-ENDS = 0.3  # [s] for ssh to end after its last output
+END_WAIT = 0.3  # [s] for ssh to end after its last output
 _CHUNK = 65_536  # [bytes]
 _OWN_FAULT = 255  # exit code of ssh if ssh itself has failed
 
@@ -82,7 +82,7 @@ class Conversation:
         data = os.read(self.fileno(), _CHUNK)
         if not data:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(ENDS)
+                self._process.wait(END_WAIT)
             self.has_ended = True
             code = self._process.returncode
             has_not = "the connection has ended, ssh has not"

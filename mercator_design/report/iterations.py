@@ -9,7 +9,7 @@ from mercator_design.race.racing.summary import Scores
 from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
 from mercator_design.race.running.record import Record
 from mercator_design.report.columns import aligned, difference
-from mercator_design.view.charts import Curve, number
+from mercator_design.view.charts import ChartLine, number
 
 FEW = 4
 """Scores whose interval a chart shows, at least."""
@@ -50,7 +50,7 @@ def incumbents(record: Record) -> list[Incumbent]:
     return found
 
 
-def best_line(name: str, found: Sequence[Incumbent]) -> Curve:
+def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
     """The mean of the best of each iteration over the experiments until its end, with its interval.
 
     Fewer scores than FEW have intervals so wide that little else would be seen: these are cut off.
@@ -61,7 +61,7 @@ def best_line(name: str, found: Sequence[Incumbent]) -> Curve:
     usual = [*y, *(value for _, of in points if len(of.values) >= FEW for value in of.interval)]
     low, high = min(usual, default=0.0), max(usual, default=0.0)
     bands = [(max(of.interval[0], low), min(of.interval[1], high)) for _, of in points]
-    return Curve(name, x, y, [low for low, _ in bands], [high for _, high in bands])
+    return ChartLine(name, x, y, [low for low, _ in bands], [high for _, high in bands])
 
 
 def iterations_table(record: Record) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 _LOG = 250
 """Pages of the log (1 MB) after which it begins again."""
-RESERVE = 2_000_000
+RESERVED_BYTES = 2_000_000
 """Bytes that are taken in the file and in its log."""
 
 
@@ -59,6 +59,6 @@ def _reserve(connection: sqlite3.Connection) -> None:
     connection.execute(f"PRAGMA wal_autocheckpoint={_LOG}")
     connection.executescript(
         "DROP TABLE IF EXISTS reserve;"
-        f"CREATE TABLE reserve AS SELECT zeroblob({RESERVE});"
+        f"CREATE TABLE reserve AS SELECT zeroblob({RESERVED_BYTES});"
         "DROP TABLE reserve; PRAGMA wal_checkpoint(RESTART)"
     )

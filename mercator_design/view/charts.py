@@ -48,7 +48,7 @@ class Axis(NamedTuple):
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-class Curve(NamedTuple):
+class ChartLine(NamedTuple):
     """A line of a chart; low and high are the borders of its band."""
 
     name: str
@@ -104,7 +104,7 @@ def number(value: float) -> str:
     return f"{0.0 + value:.4g}"
 
 
-def line_chart(lines: Sequence[Curve], x: Axis, y: Axis) -> str:
+def line_chart(lines: Sequence[ChartLine], x: Axis, y: Axis) -> str:
     """Lines with points, and bands around them."""
     frame = _Frame(
         x=x,

@@ -42,7 +42,7 @@ def field(tmp_path, monkeypatch):
         "PROBE": 0.02,
     }.items():
         monkeypatch.setattr(joint_start, name, seconds)
-    monkeypatch.setattr(ssh, "ENDS", LIMIT)
+    monkeypatch.setattr(ssh, "END_WAIT", LIMIT)
     monkeypatch.setattr(deployment, "bundle", same_bundle)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fsm.txt").write_text(GO)

@@ -226,7 +226,7 @@ def test_a_folder_that_is_not_there(mdesign, tmp_path):
 
 
 def test_what_is_installed_in_another_way(mdesign, tmp_path, monkeypatch):
-    monkeypatch.setattr(bundling, "NEEDED", ("no-such-distribution",))
+    monkeypatch.setattr(bundling, "NEEDED_PACKAGES", ("no-such-distribution",))
     code, _, err = mdesign("bundle", "-o", tmp_path / "robot.pyz")
     assert (code, err) == (1, "Error: no-such-distribution: its files are not known; install it with pip\n")
     assert not list(tmp_path.iterdir())

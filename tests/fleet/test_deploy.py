@@ -150,7 +150,7 @@ def test_no_ssh(deploy, field, monkeypatch):
 
 def test_an_ssh_that_does_not_end(field, monkeypatch):
     (field / "bin/ssh").write_text("#!/bin/sh\nexec sleep 600 >&-\n")
-    monkeypatch.setattr(ssh, "ENDS", 0.01)
+    monkeypatch.setattr(ssh, "END_WAIT", 0.01)
     with ssh.conversing(read_fleet(field / "robots.yaml").robots, "", []) as robots:
         for each in robots.values():
             assert each.read() is None

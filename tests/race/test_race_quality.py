@@ -53,7 +53,7 @@ def test_methods_are_options():
     assert options_of("no-surrogate") == HalvingOptions(surrogate=0)
     assert options_of("simple=0.3") == HalvingOptions(simple=0.3)
     assert options_of("elites=3") == HalvingOptions(elites=3)
-    for wrong in ("no-such", "such=1", "surrogate", "surrogate=2", "surrogate=much"):
+    for wrong in ("no-such", "such=1", "surrogate", "surrogate=2", "surrogate=much", "elites=inf"):
         with pytest.raises(SystemExit, match="expected default, NAME=VALUE or no-NAME of an option or halving, irace"):
             options_of(wrong)
 

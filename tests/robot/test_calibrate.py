@@ -197,7 +197,7 @@ class TestColor:
             assert {red for red, _, _ in sensor.measure(0.5)} == {100.0}
 
     def test_it_is_kept_awake(self, devices, monkeypatch):
-        monkeypatch.setattr(ground_calibration, "AWAKE", 0.0)
+        monkeypatch.setattr(ground_calibration, "KEEP_AWAKE_EVERY", 0.0)
         with ground_sensor(devices.names) as sensor:
             time.sleep(0.1)
             before = len(devices.commands)

@@ -176,7 +176,7 @@ class TestRun:
 @pytest.fixture(autouse=True)
 def long_look_up(monkeypatch):
     """Names of hosts are looked up in threads, which may be late."""
-    monkeypatch.setattr(network, "LOOK_UP", LIMIT)
+    monkeypatch.setattr(network, "LOOK_UP_WAIT", LIMIT)
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ class TestStop:
 
     def test_a_name_that_is_not_found_in_time(self, stop, answering, monkeypatch):
         port, _ = answering
-        monkeypatch.setattr(network, "LOOK_UP", 0.2)
+        monkeypatch.setattr(network, "LOOK_UP_WAIT", 0.2)
         over, found = threading.Event(), socket.gethostbyname
 
         def look_up(host):

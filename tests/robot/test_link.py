@@ -44,7 +44,7 @@ class Line:
 
 @pytest.fixture
 def line(monkeypatch):
-    monkeypatch.setattr(link_module, "ANSWER", 0.02)
+    monkeypatch.setattr(link_module, "ANSWER_WAIT", 0.02)
     line = Line()
     yield line
     line.close()
@@ -57,7 +57,7 @@ def link(line):
 
 def test_an_rvr_that_takes_time_to_wake_up(link, line, monkeypatch):
     """Asleep it refuses what it is asked."""
-    monkeypatch.setattr(start, "WAKING", LIMIT)
+    monkeypatch.setattr(start, "WAKE_WAIT", LIMIT)
     facts = {
         "get_main_application_version": {"major": 9, "minor": 1, "revision": 462},
         "get_battery_voltage_state": {"state": 1},

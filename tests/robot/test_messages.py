@@ -61,14 +61,14 @@ def test_they_come_in_turn_once_they_are_taken(pipe):
 
 def test_they_do_not_keep_a_program_from_ending(pipe):
     _, writing = pipe
-    with program(writing, 3, "messages.LAST = 0.01") as process:
+    with program(writing, 3, "messages.LAST_WAIT = 0.01") as process:
         process.communicate()
     assert process.returncode == 7
 
 
 def test_too_many_are_dropped(pipe):
     reading, writing = pipe
-    with program(writing, 20, "messages.MAX_WAITING, messages.LAST = 5, 60") as process:
+    with program(writing, 20, "messages.MAX_WAITING, messages.LAST_WAIT = 5, 60") as process:
         assert process.stdout.readline() == "printed all\n"
         came = b""
         while b"message 4\n" not in came:

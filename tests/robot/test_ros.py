@@ -423,7 +423,7 @@ def fake(monkeypatch):
     fake = FakeRos()
     monkeypatch.setattr(ros, "load_module", fake.module)
     monkeypatch.setattr(ros, "raise_priority", lambda _: None)
-    for limit in ("MASTER_ANSWER", "REGISTER", "LEAVE"):
+    for limit in ("MASTER_WAIT", "REGISTER_WAIT", "LEAVE_WAIT"):
         monkeypatch.setattr(ros, limit, LIMIT)
     yield fake
     fake.go()
@@ -511,7 +511,7 @@ class TestMastersThatDoNotAnswer:
             yield f"http://127.0.0.1:{master.getsockname()[1]}/"
 
     def test_at_the_start(self, fake, silent, monkeypatch):
-        monkeypatch.setattr(ros, "MASTER_ANSWER", 0.3)
+        monkeypatch.setattr(ros, "MASTER_WAIT", 0.3)
         fake.get_master_uri = lambda: silent
         with pytest.raises(RobotError, match=r"ros: no master at .*: timed out; does roscore run there\?"):
             RosNode()
@@ -520,14 +520,14 @@ class TestMastersThatDoNotAnswer:
         node = RosNode()
         node.obey(orders._brake, orders)
         node._master = silent
-        monkeypatch.setattr(ros, "MASTER_ANSWER", 0.3)
+        monkeypatch.setattr(ros, "MASTER_WAIT", 0.3)
         wait_until(lambda: orders._brake.why)
         assert orders._brake.why.startswith(f"ros: no master at {silent}: timed out")
 
     @pytest.mark.parametrize("what", ["init_node", "Publisher", "Subscriber"])
     def test_rospy_that_keeps_trying(self, fake, orders, monkeypatch, what):
         over = threading.Event()
-        monkeypatch.setattr(ros, "REGISTER", 0.2)
+        monkeypatch.setattr(ros, "REGISTER_WAIT", 0.2)
         setattr(fake, what, lambda *_, **__: over.wait(LIMIT))
         with pytest.raises(RobotError, match=r"ros: the master at .* does not answer any more"):
             RosNode().obey(orders._brake, orders)
@@ -536,7 +536,7 @@ class TestMastersThatDoNotAnswer:
 
     def test_rospy_that_cannot_leave(self, fake, monkeypatch):
         over = threading.Event()
-        monkeypatch.setattr(ros, "LEAVE", 0.2)
+        monkeypatch.setattr(ros, "LEAVE_WAIT", 0.2)
         node = RosNode()
         fake.signal_shutdown = lambda _: over.wait(LIMIT)
         began = time.monotonic()

@@ -27,7 +27,7 @@ def devices():
 @pytest.fixture
 def stop(robot_command, devices, tmp_path, monkeypatch):
     """Run it; gives exit code, rows by what they are about, and messages. Devices have time on a busy machine."""
-    monkeypatch.setattr(link, "ANSWER", LIMIT)
+    monkeypatch.setattr(link, "ANSWER_WAIT", LIMIT)
     monkeypatch.setattr(ports, "TIMEOUT", 0.5)
 
     def run(**others):
@@ -113,8 +113,8 @@ def test_output_that_cannot_be_written_keeps_nothing_from_being_stopped(devices,
 @pytest.mark.timing
 @made_in_time
 def test_a_run_in_progress(robot_command, tmp_path, monkeypatch):
-    monkeypatch.setattr(link, "ANSWER", LIMIT)
-    monkeypatch.setattr(safe_stop, "ENDING", LIMIT)
+    monkeypatch.setattr(link, "ANSWER_WAIT", LIMIT)
+    monkeypatch.setattr(safe_stop, "END_WAIT", LIMIT)
     with running(tmp_path, lead=SOON + SLOW) as robot:
         robot.drives()
         code, out, err = robot_command("stop", "--robot", tmp_path / "robot.yaml")
@@ -162,8 +162,8 @@ def test_a_port_that_another_program_has(stop, devices):
 
 def test_a_robot_that_does_not_answer_is_reported_nevertheless(stop, devices, monkeypatch):
     monkeypatch.setattr(link, "TRIES", 2)
-    monkeypatch.setattr(link, "ANSWER", 0.3)
-    monkeypatch.setattr(start, "WAKING", 0.2)
+    monkeypatch.setattr(link, "ANSWER_WAIT", 0.3)
+    monkeypatch.setattr(start, "WAKE_WAIT", 0.2)
     leave_running(devices)
     devices.silent, devices.rvr.leds[:] = {"rvr"}, b"\xff" * len(devices.rvr.leds)
     code, rows, _ = stop()

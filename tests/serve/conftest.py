@@ -53,7 +53,7 @@ def clock():
 def quick_hashes():
     """Scrypt is slow on purpose; a test of its own has the true cost."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(users, "COST", 2)
+        patch.setattr(users, "SCRYPT_COST", 2)
         yield
 
 

@@ -4,7 +4,7 @@ import shutil
 
 from mercator_design.race.running.journal import Journal
 from mercator_design.serve.jobs.index import Index
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
@@ -61,7 +61,7 @@ class House:
 
     def submit(self, owner="ann", *, name="aggregation", budget=BUDGET, text=None, key="", **request):
         """The identity of a new job."""
-        wanted = Submission(mission="" if text is not None else name, budget=budget, **request)
+        wanted = RaceRequest(mission="" if text is not None else name, budget=budget, **request)
         return self.jobs.submit(owner, name, "maximise", wanted, text, key).id
 
     def _launch(self, job):

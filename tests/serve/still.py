@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from mercator_design.race.running.journal import now
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.app import application
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.service import Service
@@ -30,7 +30,7 @@ class Still:
         return TestClient(As(self.app, user), base_url="http://localhost", raise_server_exceptions=False)
 
     def submit(self, owner="ann", *, budget=BUDGET, text=None, name="aggregation", **request):
-        wanted = Submission(mission="" if text is not None else "aggregation", budget=budget, **request)
+        wanted = RaceRequest(mission="" if text is not None else "aggregation", budget=budget, **request)
         return self.service.jobs.submit(owner, name, "maximise", wanted, text).id
 
     def folder(self, job):

@@ -12,7 +12,7 @@ from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.refusals import SAFE
 from mercator_design.serve.app import application, guarded
 from mercator_design.serve.designs import Design
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.service import Service
 from mercator_design.system.files import write_text
 
@@ -38,7 +38,7 @@ def lab(tmp_path_factory, idle_races):
         users.revoke(tokens["revoked"].split("_")[1])
         users.revoke("gone")
         tokens |= {"unknown": tokens["ana"][:12] + "x" * 43, "malformed": "md_x"}
-        request = Submission(mission="aggregation", budget=100)
+        request = RaceRequest(mission="aggregation", budget=100)
         private, shared = (
             service.jobs.submit("ana", name, "maximise", request, None).id for name in ("secret", "open")
         )

@@ -254,7 +254,7 @@ class TestEvaluate:
 
     def test_pieces_give_what_one_piece_gives(self, client, monkeypatch):
         whole = evaluate(client, fsms=[{"fsm": FSM}, {"fsm": STOP}], runs=4).json()
-        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.PART", 0.0)
+        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.PART_OF_LIMIT", 0.0)
         assert evaluate(client, fsms=[{"fsm": FSM}, {"fsm": STOP}], runs=4).json() == whole
 
     def test_one_that_has_begun_waits_for_a_helper(self, client, service, monkeypatch):
@@ -275,8 +275,8 @@ class TestEvaluate:
         assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 503
 
     def test_what_takes_too_long_is_refused(self, client, monkeypatch):
-        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.PART", 0.0)
-        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.WHOLE", 0.0)
+        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.PART_OF_LIMIT", 0.0)
+        monkeypatch.setattr("mercator_design.serve.http.machines.fsms.MAX_OF_LIMIT", 0.0)
         answer = evaluate(client, fsms=[{"fsm": FSM}], runs=1000)
         assert answer.status_code == 422
         assert "ask for fewer runs" in answer.json()["errors"][0]

@@ -53,7 +53,7 @@ def application():
 def small_databases():
     """The space that sessions reserve on the disk takes long to write, and does nothing here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(database, "RESERVE", 1)
+        patch.setattr(database, "RESERVED_BYTES", 1)
         yield
 
 
@@ -262,7 +262,7 @@ class TestFailures:
         assert len(lines(accounts)) == attempts.MAX_FAILURES
 
     def test_addresses_are_forgotten(self, accounts, monkeypatch, clock):
-        monkeypatch.setattr(attempts, "ADDRESSES", 3)
+        monkeypatch.setattr(attempts, "MAX_ADDRESSES", 3)
         for number in range(10):
             accounts.attempts.count(f"192.0.2.{number}")
         assert len(accounts.attempts._found) == 3

@@ -12,7 +12,7 @@ from mercator_design.config import shipped
 from mercator_design.serve.desk import estimates
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.http.schemas import MAX_TEXT
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
 
 TEXT = shipped.missions()["foraging"].read_text()
@@ -141,7 +141,7 @@ def test_an_estimate_follows_from_the_times_of_experiments(monkeypatch):
     monkeypatch.setattr(estimates, "computing_times", lambda *_: (0.1, 0.1, 0.1, 0.1))
     costs = [
         estimates.cost_of(
-            Submission(mission="foraging", budget=budget), MissionSource(name="foraging"), UserLimits(), cores
+            RaceRequest(mission="foraging", budget=budget), MissionSource(name="foraging"), UserLimits(), cores
         )
         for budget, cores in ((1000, 1), (10_000, 1), (10_000, 10))
     ]

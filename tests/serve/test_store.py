@@ -1,10 +1,10 @@
 import pytest
 
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.settings import ServiceError
 
-REQUEST = Submission(mission="aggregation", budget=100)
+REQUEST = RaceRequest(mission="aggregation", budget=100)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_a_job_is_not_written_if_nothing_changes(store, monkeypatch):
     assert store.update(job.id) == store.update(job.id, request=REQUEST, shared=False) == job
 
 
-@pytest.mark.parametrize("wrong", [{"name": "../up"}, {"name": ""}, {"request": Submission(mission="aac", budget=-1)}])
+@pytest.mark.parametrize("wrong", [{"name": "../up"}, {"name": ""}, {"request": RaceRequest(mission="aac", budget=-1)}])
 def test_what_is_not_valid_leaves_nothing(store, wrong):
     with pytest.raises(ServiceError, match=r"job\.json"):
         create(store, **wrong)

@@ -53,7 +53,7 @@ def test_the_file_stays_for_its_owner_alone(users):
 
 
 def test_hashes_are_those_of_scrypt_with_a_salt_each(users, monkeypatch):
-    monkeypatch.setattr(module, "COST", 2**14)
+    monkeypatch.setattr(module, "SCRYPT_COST", 2**14)
     for name in ("ana", "bob"):
         token = users.add(name)
         found = next(account for account in users.accounts() if account.name == name).tokens[0]

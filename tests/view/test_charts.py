@@ -9,7 +9,7 @@ import pytest
 from mercator_design.view.charts import (
     Axis,
     Bars,
-    Curve,
+    ChartLine,
     Dot,
     Thread,
     bar_chart,
@@ -24,7 +24,7 @@ from mercator_design.view.charts import (
 NASTY = "<script>alert(1)</script>\u202e\x1b[31m" + "x" * 10_000
 CHARTS = {
     "lines": lambda name: line_chart(
-        [Curve(name, [0, 1, 2], [3, 5, 4], [2, 4, 3], [4, 6, 5]), Curve("other", [0], [1])],
+        [ChartLine(name, [0, 1, 2], [3, 5, 4], [2, 4, 3], [4, 6, 5]), ChartLine("other", [0], [1])],
         Axis(name),
         Axis(name, name),
     ),

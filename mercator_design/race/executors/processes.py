@@ -46,6 +46,14 @@ class ProcessExecutor:
     If a worker dies, its experiment runs again, and fails after `MAX_DEATHS`. If an experiment takes longer than
     `timeout` seconds, its worker is killed; the experiment runs again, and fails after `MAX_TIMEOUTS`. Other
     experiments are not affected.
+
+    Args:
+        jobs: Number of processes. [default: the cores of this machine]
+        timeout: Maximum seconds of an experiment. [default: no limit]
+        clock: Returns the time [s].
+
+    Raises:
+        RaceError: `jobs` is below 1.
     """
 
     def __init__(

@@ -177,12 +177,13 @@ class Journal:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
-            if kind is None:
-                self._sync_or_fail()
-            else:
-                with contextlib.suppress(OSError, RaceError):  # the first error matters more
+            if kind is not None:
+                with contextlib.suppress(RaceError):  # the first error matters more
                     self.note(SessionStopped(why=kind.__name__, time=now()))
-                    self.sync()
+            self.sync()
+        except OSError as error:
+            if kind is None:
+                raise self._unwritten(error) from None
         finally:
             os.close(self._file)
 
@@ -234,12 +235,6 @@ class Journal:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, self._length)
-            raise self._unwritten(error) from None
-
-    def _sync_or_fail(self) -> None:
-        try:
-            self.sync()
-        except OSError as error:
             raise self._unwritten(error) from None
 
     def _unwritten(self, error: OSError) -> RaceError:

@@ -382,10 +382,10 @@ class RaceRun(Generic[T]):
         values, parents = self._optimizer.configurations, self._optimizer.parents
         if new := self._record.new_configurations(numbers, values, parents):
             self._journal.note(*new)
-        for one in [one for one in numbers if one not in self._seen]:
-            self._pending.append(ConfigurationAdded(configuration=one, parent=parents[one], values=values[one]))
+        for one in [number for number in numbers if number not in self._seen]:
+            self._seen.add(one)
             self._record.configurations[one] = values[one]  # once in memory is enough
-        self._seen |= numbers.keys()
+            self._pending.append(ConfigurationAdded(configuration=one, parent=parents[one], values=values[one]))
 
     def _note_end(self) -> None:
         budget = self._record.budgets[self._n_ends]

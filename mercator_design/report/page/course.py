@@ -9,7 +9,7 @@ from mercator_design.race.racing.summary import CONFIDENCE, Scores
 from mercator_design.report.iterations import FEW, Incumbent, best_line, incumbents, iteration_cells, iteration_name
 from mercator_design.report.page.facts import Facts
 from mercator_design.report.page.markup import Html, figure, folded, note, row_of, section, table
-from mercator_design.view.charts import Axis, Bars, Curve, Thread, bar_chart, line_chart, parallel_chart
+from mercator_design.view.charts import Axis, Bars, ChartLine, Thread, bar_chart, line_chart, parallel_chart
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
@@ -54,7 +54,7 @@ def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
     lines = [line]
     if facts.tested is not None:
         mean, (low, high) = facts.tested.mean, facts.tested.interval
-        lines.append(Curve("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
+        lines.append(ChartLine("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
         "that it had seen by then. It was chosen on them, so the mean is optimistic while it has seen few. "
@@ -67,7 +67,7 @@ def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
 def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
     iterations = [one.ended for one in found]
     lines = [
-        Curve(name, [one.iteration for one in iterations], [getattr(one, key) for one in iterations])
+        ChartLine(name, [one.iteration for one in iterations], [getattr(one, key) for one in iterations])
         for name, key in (("raced", "configurations"), ("alive at the end", "alive"), ("instances", "instances"))
     ]
     caption = (
@@ -85,7 +85,7 @@ def _convergence(facts: Facts) -> Html:
     for name, kind in (("choices differ", "categories"), ("numbers spread", "numbers")):
         known = [(one.iteration, value) for one in found if not math.isnan(value := getattr(one, kind))]
         if known:
-            lines.append(Curve(name, [x for x, _ in known], [y for _, y in known]))
+            lines.append(ChartLine(name, [x for x, _ in known], [y for _, y in known]))
     if not lines:
         return Html()
     caption = (

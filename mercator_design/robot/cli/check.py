@@ -7,7 +7,7 @@ import click
 
 from mercator_design.errors import RobotError
 from mercator_design.robot.cli.options import ROBOT, WITHOUT, show
-from mercator_design.robot.devices.findings import CheckResult
+from mercator_design.robot.devices.findings import RobotFinding
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.protocols.clocks import answer, day_of, from_line, to_line
@@ -35,7 +35,7 @@ def check(settings: Settings, as_json: bool, without: tuple[DeviceName, ...]) ->
         (_print if as_json else show)(found)
 
 
-def _print(found: Iterable[CheckResult]) -> None:
+def _print(found: Iterable[RobotFinding]) -> None:
     def receive(lines: Iterable[bytes] | None, now: float) -> None:
         for line in lines or ():
             said = from_line(line)

@@ -15,7 +15,7 @@ from mercator_design.robot.run.safety import raise_priority
 
 MAX_WAITING = 1000  # messages; more are dropped
 _IN_TURN = 0.02  # [s] that the program waits for a message to be written, so that it comes before results on stdout
-LAST = 2.0  # [s] that the program waits at its end for its last messages
+LAST_WAIT = 2.0  # [s] that the program waits at its end for its last messages
 
 
 def queue_messages() -> None:
@@ -60,7 +60,7 @@ class _Waiting(io.RawIOBase):
 
     def end(self) -> None:
         """Wait for what is queued, but not without end."""
-        self._are_written.wait(LAST)
+        self._are_written.wait(LAST_WAIT)
 
     def _write_all(self) -> None:
         raise_priority(1)  # it may hold the interpreter's lock, for which the control loop waits

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from mercator_design.command import FILE, NumberRange, print_result
 from mercator_design.errors import RobotError, SettingsError, printable
-from mercator_design.robot.devices.findings import CheckResult
+from mercator_design.robot.devices.findings import RobotFinding
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES
 from mercator_design.robot.devices.settings import Settings, read_settings
 from mercator_design.system.files import writing
@@ -93,7 +93,7 @@ ROBOT_FILE = _robot(_FILE, lambda path: path)
 """The option of verbs that change the file."""
 
 
-def show(findings: Iterable[CheckResult]) -> None:
+def show(findings: Iterable[RobotFinding]) -> None:
     """Print a row for each finding as it comes; go on if a row cannot be written.
 
     Raises:

@@ -10,7 +10,7 @@ from mercator_design.robot.devices.ports import DeviceName, Line, open_port
 from mercator_design.robot.devices.settings import Settings
 
 
-class CheckResult(NamedTuple):
+class RobotFinding(NamedTuple):
     """The result of a check or a step, with the remedy if something is wrong."""
 
     what: str  # what was checked, or the step
@@ -22,13 +22,13 @@ class CheckResult(NamedTuple):
     value: str = ""  # the result in few words, for a table
 
 
-DeviceCheck: TypeAlias = Callable[[Settings, Link], Iterator[CheckResult]]
+DeviceCheck: TypeAlias = Callable[[Settings, Link], Iterator[RobotFinding]]
 """Checks a device over the link to it."""
 
 
 def check_devices(
     settings: Settings, checks: Mapping[DeviceName, DeviceCheck], patience: float = 0.0
-) -> Iterator[CheckResult]:
+) -> Iterator[RobotFinding]:
     """Check each device over its port, waiting for the port for `patience` seconds at most; yield the findings."""
     end = time.monotonic() + patience
     for device, check in checks.items():
@@ -37,4 +37,6 @@ def check_devices(
                 yield from check(settings, Link([Line(device, port)]))
         except RobotError as error:
             words = str(error).removeprefix(f"{device}: ")
-            yield CheckResult(device, is_fine=False, words=words, device=device, quantity="presence", value="not found")
+            yield RobotFinding(
+                device, is_fine=False, words=words, device=device, quantity="presence", value="not found"
+            )

@@ -17,7 +17,7 @@ from mercator_design.robot.protocols.rvr import Flags, Notification, Response, U
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, Error, Processor, Value
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 
-ANSWER = 0.3  # [s] for an answer of a device
+ANSWER_WAIT = 0.3  # [s] for an answer of a device
 TRIES = 5  # of a question
 _MAX_BACKLOG = 1.0  # [s] for reading the system's full buffers
 _PAUSE = 0.004  # [s] between two messages of a device, except of a lidar that scans
@@ -136,7 +136,7 @@ class Link:
         """Send a command until the device answers, and return the answer; errors are those of `ask`."""
         for _ in range(TRIES):
             self.send(device, command())
-            if (answer := self.wait_for(kind, answers, ANSWER)) is not None:
+            if (answer := self.wait_for(kind, answers, ANSWER_WAIT)) is not None:
                 return answer
         raise RobotError(f"no answer; {self.remedy(device)}", device=device)
 

@@ -18,7 +18,7 @@ _ERROR = 2  # health of a lidar
 _TRIES = 5  # to get the same answer twice from a lidar
 _STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
-WAKING = 2.0  # [s] for the RVR to wake up
+WAKE_WAIT = 2.0  # [s] for the RVR to wake up
 
 
 class RvrIdentity(NamedTuple):
@@ -66,7 +66,7 @@ def wake_rvr(link: Link) -> RvrIdentity:
     end_streaming(link)
     with contextlib.suppress(RobotError):  # the next question is asked anyway, and says what is wrong
         link.ask("wake")  # repeated until it is answered, as an RVR that sleeps refuses the rest
-    link.wait_for(Notification, lambda notification: notification.name == "did_wake", WAKING)
+    link.wait_for(Notification, lambda notification: notification.name == "did_wake", WAKE_WAIT)
     firmware = {}
     for processor in Processor:
         version = link.ask("get_main_application_version", processor)

@@ -40,9 +40,9 @@ _LIGHTS_OF = (
 """The lamps of each colour in an rvr_ros/Leds."""
 _RVR_SAMPLES = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
 _MASTER_CHECK_EVERY = 0.5  # [s]
-MASTER_ANSWER = 2.0  # [s] for the master's answer
-REGISTER = 5.0  # [s] for registering at the master; ROS's client would try without end
-LEAVE = 2.0  # [s] for unregistering
+MASTER_WAIT = 2.0  # [s] for the master's answer
+REGISTER_WAIT = 5.0  # [s] for registering at the master; ROS's client would try without end
+LEAVE_WAIT = 2.0  # [s] for unregistering
 
 
 class RosNode:
@@ -74,7 +74,7 @@ class RosNode:
         """Unregister the node, without waiting for a master that does not answer."""
         leaving = threading.Thread(target=self._rospy.signal_shutdown, args=("it has ended",), daemon=True)
         leaving.start()
-        leaving.join(LEAVE)
+        leaving.join(LEAVE_WAIT)
 
     def publish(self, topic: str, fields: Fields) -> None:
         message = self.types[PUBLISHED[topic].type]()
@@ -135,7 +135,7 @@ class RosNode:
         thread = threading.Thread(target=attempt, daemon=True)
         thread.start()
         try:
-            thread.join(REGISTER)
+            thread.join(REGISTER_WAIT)
         finally:
             if not ended:
                 self.close()
@@ -168,7 +168,7 @@ class _Impatient(xmlrpc.client.Transport):
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:  # noqa: ANN401 - as in the base class
         connection = super().make_connection(host)
-        connection.timeout = MASTER_ANSWER
+        connection.timeout = MASTER_WAIT
         return connection
 
 

@@ -32,7 +32,7 @@ _SEALED = re.compile(rb"\d{1,15} \d{1,12}\.\d{6} [0-9a-f]{32}")
 _SIGNATURE = re.compile(rb"(%b) ([0-9a-f]{64})" % _SEALED.pattern)
 _MAX_MESSAGE = 200  # bytes
 _MAX_MESSAGES = 100  # that are received at once
-LOOK_UP = 5.0  # [s] for looking up the names of hosts
+LOOK_UP_WAIT = 5.0  # [s] for looking up the names of hosts
 _CHECK_EVERY = 0.02  # [s] between checks whether they are looked up
 
 
@@ -183,8 +183,8 @@ class Speaker:
                     yield host, message, sender
 
     def look_up(self) -> list[str]:
-        """Wait until all hosts are looked up, for `LOOK_UP` at most; return messages on those without an address."""
-        end = time.monotonic() + LOOK_UP
+        """Wait until all hosts are looked up, at most `LOOK_UP_WAIT`; return messages on those without an address."""
+        end = time.monotonic() + LOOK_UP_WAIT
         while len(self._addresses) < len(self._sockets) and time.monotonic() < end:
             time.sleep(_CHECK_EVERY)
         return [self._silence(host) for host in self._sockets if not self._addresses.get(host)]
@@ -198,7 +198,7 @@ class Speaker:
         stopped: dict[str, None] = {}
         answered = set()
         end = time.monotonic() + seconds
-        latest = end + LOOK_UP
+        latest = end + LOOK_UP_WAIT
         while (now := time.monotonic()) < end:
             if len(self._addresses) < len(self._sockets):
                 end = min(now + seconds, latest)

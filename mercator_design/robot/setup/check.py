@@ -6,7 +6,7 @@ from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mercator_design.robot.devices.findings import CheckResult, DeviceCheck, check_devices
+from mercator_design.robot.devices.findings import DeviceCheck, RobotFinding, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import DeviceName, PortNames, sharing
@@ -45,7 +45,7 @@ _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, 
 _MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
 
-def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator[CheckResult, None, None]:
+def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator[RobotFinding, None, None]:
     """Check all that a run needs, except devices `without`. Only the lidar moves."""
     yield check_clock(time.time())
     kernel = _text(_KERNEL)
@@ -56,7 +56,7 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator
     checks: dict[DeviceName, DeviceCheck] = {"rvr": _check_rvr, "lidar": _check_lidar, "proximity": _check_hub}
     yield from check_devices(settings, {device: each for device, each in checks.items() if device not in without})
     for device in without:
-        yield CheckResult(
+        yield RobotFinding(
             device, is_fine=True, words="left out, by --without", device=device, quantity="presence", value="left out"
         )
 
@@ -69,7 +69,7 @@ def _text(path: Path) -> str:
         return ""
 
 
-def check_clock(now: float) -> CheckResult:
+def check_clock(now: float) -> RobotFinding:
     """Check that the clock [s since 1970] was set, and not to a time before this program was installed."""
     date = time.strftime("%Y-%m-%d %H:%M", time.localtime(now))
     here = Path(__file__)
@@ -79,21 +79,21 @@ def check_clock(now: float) -> CheckResult:
     elif TIMESYNC.exists() and not (TIMESYNC / "synchronized").exists():
         found = "was not set over the network since this computer was switched on"
     else:
-        return CheckResult("clock", is_fine=True, words=date)
-    return CheckResult(
+        return RobotFinding("clock", is_fine=True, words=date)
+    return RobotFinding(
         "clock", is_fine=False, words=f"{date} {found}; a Pi has no clock of its own: connect it to a network"
     )
 
 
-def check_console(port: str, kernel: str) -> CheckResult:
+def check_console(port: str, kernel: str) -> RobotFinding:
     """Check that the system's console is not on the RVR's port, by the kernel's command line."""
     consoles = [word.removeprefix("console=").partition(",")[0] for word in kernel.split() if "console=" in word]
     if _names(port).isdisjoint(consoles):
-        return CheckResult("console", is_fine=True, words=f"not on {port}")
-    return CheckResult("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
+        return RobotFinding("console", is_fine=True, words=f"not on {port}")
+    return RobotFinding("console", is_fine=False, words=f"the system's console is on {port}: {_RASPI_CONFIG}")
 
 
-def check_uart(port: str, kernel: str, config: str) -> Iterator[CheckResult]:
+def check_uart(port: str, kernel: str, config: str) -> Iterator[RobotFinding]:
     """Check that the UART of a Pi's header is on and keeps its rate, by the kernel's command line and config.txt.
 
     There is no finding if the RVR is on another port, or the file is missing.
@@ -106,14 +106,14 @@ def check_uart(port: str, kernel: str, config: str) -> Iterator[CheckResult]:
         line.startswith("dtoverlay=") and line.endswith(("disable-bt", "miniuart-bt")) for line in lines
     )
     if "8250.nr_uarts=0" in kernel.split() and "ttyS0" in _names(port):
-        yield CheckResult(
+        yield RobotFinding(
             "uart", is_fine=False, words="8250.nr_uarts=0 hides it; remove that from the kernel's command line"
         )
     elif settings[-1:] == ["enable_uart=1"] or (not settings and without_bluetooth):
-        yield CheckResult("uart", is_fine=True, words="on")
+        yield RobotFinding("uart", is_fine=True, words="on")
     else:
         words = "enable_uart=1 is not in config.txt: it is off, or its rate changes with the processor's clock"
-        yield CheckResult("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
+        yield RobotFinding("uart", is_fine=False, words=f"{words}: {_RASPI_CONFIG}")
 
 
 def _for_all(config: str) -> list[str]:
@@ -127,7 +127,7 @@ def _for_all(config: str) -> list[str]:
     return lines
 
 
-def check_programs(port: str) -> CheckResult:
+def check_programs(port: str) -> RobotFinding:
     """Check that no program runs that opens serial ports for modems, Braille displays or terminals."""
     found, rules = set(), _text(RULES)
     for process in PROCESSES.glob("[0-9]*"):
@@ -140,29 +140,29 @@ def check_programs(port: str) -> CheckResult:
                 found.add("brltty opens adapters such as the lidar's: sudo apt remove brltty")
             case "agetty" if not _names(port).isdisjoint(_text(process / "cmdline").split()):
                 found.add(f"a login shell is on {port}: {_RASPI_CONFIG}")
-    return CheckResult("other programs", not found, "; ".join(sorted(found)) or "none that opens ports")
+    return RobotFinding("other programs", not found, "; ".join(sorted(found)) or "none that opens ports")
 
 
-def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[CheckResult]:
+def check_names(names: PortNames, without: Collection[DeviceName] = ()) -> Iterator[RobotFinding]:
     """Check that ports keep their names after the next start, except those of devices `without`."""
     for device in [each for each in NAMED if each not in without]:
         name = getattr(names, device)
         if rivals := sharing(name):
             advice = "name the one in robot.yaml by its usb: name, or run mercator-robot install"
             words = f"{name} may be any of {rivals}: {advice}"
-            yield CheckResult(f"{device}'s name", is_fine=False, words=words)
+            yield RobotFinding(f"{device}'s name", is_fine=False, words=words)
 
 
 def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
 
 
-def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> CheckResult:  # noqa: ANN401 - its other fields
+def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> RobotFinding:  # noqa: ANN401 - its other fields
     """A finding, with the remedy behind its words if something is wrong."""
-    return CheckResult(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
+    return RobotFinding(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
 
 
-def _check_rvr(settings: Settings, link: Link) -> Iterator[CheckResult]:
+def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     found = wake_rvr(link)
     words = found.words()
     for processor, min_version in _MIN_FIRMWARE.items():
@@ -191,7 +191,7 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[CheckResult]:
     yield _judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
 
 
-def _of_motors(heat: Mapping[str, Any]) -> CheckResult:
+def _of_motors(heat: Mapping[str, Any]) -> RobotFinding:
     temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
     hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
     remedy = f"{' and '.join(hot)} too hot: let it cool, and leave the RVR switched on"
@@ -200,7 +200,7 @@ def _of_motors(heat: Mapping[str, Any]) -> CheckResult:
 
 def _of_line(
     device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None
-) -> CheckResult:
+) -> RobotFinding:
     """The finding on a device's line: the share of its data that arrived whole since the counts `before`."""
     received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts()[device], strict=True))
     missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
@@ -213,15 +213,15 @@ def _of_line(
     return _judged(f"{device}'s line", is_fine, words, remedy, device=device, quantity="line", value=value)
 
 
-def _check_lidar(settings: Settings, link: Link) -> Iterator[CheckResult]:
+def _check_lidar(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     turns, sweep = Turns(), Sweep()
     try:
         started = start_lidar(link)
         facts = started.words()
-        yield CheckResult("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
+        yield RobotFinding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
         if started.warning is not None:
             words = f"{facts['lidar_health']}; take its power away for a moment"
-            yield CheckResult("lidar's health", is_fine=False, words=words)
+            yield RobotFinding("lidar's health", is_fine=False, words=words)
         link.discard()  # turns from before the start
         next(_sights(link, turns, sweep), None)  # the motor starts
         before, begin = link.counts()["lidar"], sweep.swept
@@ -237,7 +237,7 @@ def _check_lidar(settings: Settings, link: Link) -> Iterator[CheckResult]:
         _, seen = sights[len(sights) // 2]
         sees = seen >= MIN_READINGS
         advice = "" if sees else "; is there nothing at its height, or has its laser failed? Hold something before it"
-        yield CheckResult(
+        yield RobotFinding(
             "lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees
         )
 
@@ -256,7 +256,7 @@ def _rate(times: Sequence[float]) -> float:
     return (len(times) - 1) / max(times[-1] - times[0], 0.75 * DURATION) if times else 0.0
 
 
-def _check_hub(settings: Settings, link: Link) -> Iterator[CheckResult]:
+def _check_hub(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     start_hub(link)
     link.discard()
     before = link.counts()["proximity"]
@@ -273,4 +273,4 @@ def _check_hub(settings: Settings, link: Link) -> Iterator[CheckResult]:
         is_fine = bool(last.mask >> i & 1)
         seen = "too near" if distance < 0.0 else f"{distance:.2f} m" if math.isfinite(distance) else "nothing in sight"
         words = f"{seen}; hold a hand before it to see whether it is this one" if is_fine else "off; plug it in"
-        yield CheckResult(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)
+        yield RobotFinding(f"sensor {i}, at {math.degrees(angle):+.0f} degrees", is_fine, words)

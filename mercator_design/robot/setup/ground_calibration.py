@@ -17,7 +17,7 @@ from mercator_design.robot.protocols.rvr_streaming import streaming
 
 PERIOD = 50  # [ms] of streaming
 _MIN_SAMPLES = 10  # of a measurement
-AWAKE = 10.0  # [s] between commands; an RVR without commands falls asleep
+KEEP_AWAKE_EVERY = 10.0  # [s] between commands; an RVR without commands falls asleep
 _MAX_SPREAD = 15.0  # levels, of a robot at rest on one colour; noise of 5 in each channel is 9
 _MAX_DEVIATION = 60.0  # levels between the brightness of a colour and the usual one
 _DARK = 5.0  # levels without the lamp
@@ -36,7 +36,7 @@ class GroundSensor:
     def attend(self) -> None:
         """Read the RVR's events, and keep it awake."""
         now = time.monotonic()
-        if now - self._sent > AWAKE:
+        if now - self._sent > KEEP_AWAKE_EVERY:
             self._sent = now
             self._link.send_command("get_battery_percentage")
         self._link.discard()

@@ -19,7 +19,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from mercator_design.errors import RobotError
-from mercator_design.robot.devices.findings import CheckResult
+from mercator_design.robot.devices.findings import RobotFinding
 from mercator_design.robot.devices.ports import DeviceName, usb_port
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.system.files import Unreadable, read_small, replacing
@@ -103,7 +103,7 @@ class Setup:
     seed: int | None = None  # of that run; None: a new one each time
 
 
-def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[CheckResult]]:
+def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[RobotFinding]]:
     """The USB ports at which lidar and hub are connected now, and findings on them."""
     ports: dict[str, ListPortInfo] = {}
     findings = []
@@ -113,9 +113,9 @@ def connected(settings: Settings) -> tuple[dict[str, ListPortInfo], list[CheckRe
             ports[device] = usb_port(device, getattr(settings.ports, device))
         except RobotError as error:
             words = f"{str(error).removeprefix(f'{device}: ')}; then install again"
-            findings.append(CheckResult(link, is_fine=False, words=words))
+            findings.append(RobotFinding(link, is_fine=False, words=words))
         else:
-            findings.append(CheckResult(link, is_fine=True, words=f"for the device at {ports[device].device}"))
+            findings.append(RobotFinding(link, is_fine=True, words=f"for the device at {ports[device].device}"))
     return ports, findings
 
 
@@ -144,7 +144,7 @@ def texts(ports: Mapping[str, ListPortInfo], setup: Setup, root: Path) -> dict[P
     }
 
 
-def install(files: Mapping[Path, str], root: Path) -> Iterator[CheckResult]:
+def install(files: Mapping[Path, str], root: Path) -> Iterator[RobotFinding]:
     """Write the files below a root, and make the system read them if the root is this system's.
 
     Raises:
@@ -161,11 +161,11 @@ def install(files: Mapping[Path, str], root: Path) -> Iterator[CheckResult]:
                 file.flush()
                 os.fchmod(file.fileno(), 0o644)
     for place in files:
-        yield CheckResult(str(_below(root, place)), is_fine=True, words="written")
+        yield RobotFinding(str(_below(root, place)), is_fine=True, words="written")
     yield from _run_all(AFTERWARDS, root)
 
 
-def uninstall(root: Path) -> Iterator[CheckResult]:
+def uninstall(root: Path) -> Iterator[RobotFinding]:
     """Remove the files of `install`, and no others.
 
     Raises:
@@ -181,11 +181,11 @@ def uninstall(root: Path) -> Iterator[CheckResult]:
             yield from _run_all([f"systemctl disable {IDLE.name}"], root)
         with _permitted(path):
             path.unlink()
-        yield CheckResult(str(path), is_fine=True, words="removed")
+        yield RobotFinding(str(path), is_fine=True, words="removed")
     if there:
         yield from _run_all([*_READ_UNITS, *_READ_RULES], root)
     else:
-        yield CheckResult(str(root), is_fine=True, words="nothing is installed")
+        yield RobotFinding(str(root), is_fine=True, words="nothing is installed")
 
 
 def _rules(root: Path) -> dict[str, str]:
@@ -273,12 +273,12 @@ def _is_running() -> bool:
     return False
 
 
-def _run_all(commands: Iterable[str], root: Path) -> Iterator[CheckResult]:
+def _run_all(commands: Iterable[str], root: Path) -> Iterator[RobotFinding]:
     """Run commands of the system, if the root is this system's."""
     for command in commands if root == Path("/") else ():
         try:
             done = subprocess.run(command.split(), capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
             words = done.stderr.strip().rpartition("\n")[2] if done.returncode else "done"
-            yield CheckResult(command, is_fine=done.returncode == 0, words=words)
+            yield RobotFinding(command, is_fine=done.returncode == 0, words=words)
         except (OSError, subprocess.TimeoutExpired) as error:
-            yield CheckResult(command, is_fine=False, words=f"{error}; run it by hand")
+            yield RobotFinding(command, is_fine=False, words=f"{error}; run it by hand")

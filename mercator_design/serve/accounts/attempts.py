@@ -9,7 +9,7 @@ MAX_FAILURES = 10
 """Failures of an address at once."""
 PERIOD = 6.0
 """Seconds after which one failure is forgotten."""
-ADDRESSES = 10_000  # that are remembered
+MAX_ADDRESSES = 10_000  # that are remembered
 
 
 class Attempts:
@@ -38,7 +38,7 @@ class Attempts:
         with self._lock:
             self._found[network] = max(0.0, self._level(network) + change), self._clock()
             self._found.move_to_end(network)
-            while len(self._found) > ADDRESSES:
+            while len(self._found) > MAX_ADDRESSES:
                 self._found.popitem(last=False)
 
     def _level(self, network: str) -> float:

@@ -36,7 +36,7 @@ _LETTERS = string.ascii_letters + string.digits
 _NAME = Pattern(r"[a-z0-9][a-z0-9._-]{0,31}", "a name of up to 32 of a-z, 0-9, '.', '_' and '-'")
 _TOKEN = re.compile(r"md_([A-Za-z0-9]{8})_([A-Za-z0-9]{43})", re.ASCII)  # 43 letters or digits: 256 bits
 _CACHED = 1000  # tokens whose scrypt is not computed again
-COST = 2**14  # of scrypt; secrets are random, so what it slows down cannot be guessed anyway
+SCRYPT_COST = 2**14  # of scrypt; secrets are random, so what it slows down cannot be guessed anyway
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +288,7 @@ def id_of(token: str) -> str:
 
 
 def _hash(secret: str, salt: str) -> str:
-    return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=COST, r=8, p=1, dklen=32).hex()
+    return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=SCRYPT_COST, r=8, p=1, dklen=32).hex()
 
 
 def digest(secret: str) -> str:

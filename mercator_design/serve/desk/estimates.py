@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mercator_design.designer import Designer
 from mercator_design.serve.desk.sources import MissionSource
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.simulate import Simulator
 
@@ -43,7 +43,7 @@ class Cost:
     seconds: tuple[float, float]
 
 
-def cost_of(request: Submission, source: MissionSource, limits: UserLimits, cores: int) -> Cost:
+def cost_of(request: RaceRequest, source: MissionSource, limits: UserLimits, cores: int) -> Cost:
     """The computing time of the race of a job.
 
     Args:

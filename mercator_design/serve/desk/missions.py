@@ -12,7 +12,7 @@ from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.report.missions import facts_of
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
 from mercator_design.serve.desk.sources import MissionSource, text_without_files
-from mercator_design.serve.jobs.job import Submission
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of
@@ -61,7 +61,7 @@ def warm_up() -> None:
     Simulator(load_mission("aggregation")).rehearse(announce=lambda _: None)
 
 
-def checked_request(request: Submission, source: MissionSource, limits: UserLimits) -> CheckedMission:
+def checked_request(request: RaceRequest, source: MissionSource, limits: UserLimits) -> CheckedMission:
     """Check the mission of a job, and that a race of it can begin.
 
     Raises:

@@ -110,7 +110,7 @@ class FsmSource:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BestSoFar:
+class LeadingDesign:
     """The winner of a race, or its best configuration so far.
 
     configuration: Its number.
@@ -126,7 +126,7 @@ class BestSoFar:
     fsm: FsmFile
 
 
-def leader_of(folder: Path) -> BestSoFar:
+def leader_of(folder: Path) -> LeadingDesign:
     """The winner of the race in a run folder, or the best so far; the race may be running.
 
     Raises:
@@ -139,7 +139,7 @@ def leader_of(folder: Path) -> BestSoFar:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
     if record.start["task"] != "mission":
         raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
-    return BestSoFar(
+    return LeadingDesign(
         configuration=number,
         mean=mean,
         runs=len(record.scores_of(number)),

@@ -8,7 +8,7 @@ from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
-from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, State, Submission
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, RaceRequest, State
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""
@@ -91,8 +91,8 @@ class JobRequest(MissionGiven):
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
     ] = 0
 
-    def request(self) -> Submission:
-        return Submission(
+    def request(self) -> RaceRequest:
+        return RaceRequest(
             mission=self.mission, set=tuple(self.set), budget=self.budget, method=self.method, flavour=self.flavour,
             seed=self.seed, test_runs=self.test_runs, priority=self.priority,
         )  # fmt: skip

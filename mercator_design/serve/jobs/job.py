@@ -19,7 +19,7 @@ Wish: TypeAlias = Literal["run", "pause", "cancel"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Submission:
+class RaceRequest:
     """What a job is to do, in the terms of `mdesign race`."""
 
     mission: str  # name of a shipped mission; empty: the text beside the job's file
@@ -41,7 +41,7 @@ class Job:
     owner: str
     name: Name  # of the mission
     direction: str  # of the score: maximise or minimise
-    request: Submission
+    request: RaceRequest
     submitted: str  # time
     key: str = ""  # of the submission: submitting again with the same key gives the same job
     wish: Wish = "run"

@@ -8,7 +8,7 @@ from mercator_design.errors import MercatorError
 from mercator_design.race.running.journal import is_locked, now
 from mercator_design.runs.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, IndexRow
-from mercator_design.serve.jobs.job import STATES, Job, State, Submission
+from mercator_design.serve.jobs.job import STATES, Job, RaceRequest, State
 from mercator_design.serve.jobs.store import Store, size_of
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.settings import UserLimits
@@ -32,7 +32,7 @@ class Operations:
         self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
 
     def submit(
-        self, owner: str, name: str, direction: str, request: Submission, text: str | None, key: str = ""
+        self, owner: str, name: str, direction: str, request: RaceRequest, text: str | None, key: str = ""
     ) -> IndexRow:
         """A new job, whose mission has been checked; or the job that was submitted with the same key.
 
@@ -58,7 +58,7 @@ class Operations:
         self._supervisor.wake()
         return row
 
-    def same(self, row: IndexRow, request: Submission, text: str | None) -> IndexRow:
+    def same(self, row: IndexRow, request: RaceRequest, text: str | None) -> IndexRow:
         """The job that was submitted with a key that comes again.
 
         Raises:

@@ -13,7 +13,7 @@ from typing import Any
 
 from mercator_design.race.running.journal import now
 from mercator_design.runs.files import JOURNAL
-from mercator_design.serve.jobs.job import Job, Submission
+from mercator_design.serve.jobs.job import Job, RaceRequest
 from mercator_design.serve.records import Records, new_id
 from mercator_design.serve.settings import SERVICE
 
@@ -46,7 +46,7 @@ class Store(Records[Job]):
             self.finish_deletion(left.name.removeprefix(_DELETED))
 
     def create(
-        self, owner: str, name: str, direction: str, request: Submission, text: str | None, *, key: str = ""
+        self, owner: str, name: str, direction: str, request: RaceRequest, text: str | None, *, key: str = ""
     ) -> Job:
         """A new job; its text is the mission, unless that is a shipped one.
 

@@ -17,7 +17,7 @@ from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
 from mercator_design.serve.http.schemas import MAX_ID, MAX_SEED
 from mercator_design.serve.jobs.index import IndexRow
-from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, Submission
+from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, RaceRequest
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
 from mercator_design.view.markup import escaped
@@ -49,7 +49,7 @@ def new(
     job: Annotated[str, Query(alias="from", max_length=MAX_ID)] = "",
 ) -> HTMLResponse:
     """A new job: from a shipped mission, or from the mission of another job."""
-    request, name, text, problem = Submission(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, "", ""
+    request, name, text, problem = RaceRequest(mission="", budget=_BUDGETS["usual"]), mission or _FIRST, "", ""
     try:
         if job:
             row = visible_job(service, user, job)
@@ -82,11 +82,11 @@ def _named(text: str, name: str) -> str:
     return "\n".join([*lines[: place + 1], f"name: {name}", *lines[place + 1 :]])
 
 
-def _request_of(service: Service, row: IndexRow) -> Submission:
+def _request_of(service: Service, row: IndexRow) -> RaceRequest:
     """What another job was to do, as far as it is known."""
     if row.is_job:
         return service.store.read(row.id).request
-    return Submission(mission="", budget=max(1, row.budget), method=row.method, flavour=row.flavour, seed=row.seed)
+    return RaceRequest(mission="", budget=max(1, row.budget), method=row.method, flavour=row.flavour, seed=row.seed)
 
 
 def _start(name: str, job: str) -> Html:
@@ -120,7 +120,7 @@ def _editor(text: str) -> Html:
     )
 
 
-def _settings(limit: int, request: Submission) -> Html:
+def _settings(limit: int, request: RaceRequest) -> Html:
     presets = "".join(
         f'<button type="button" data-budget="{budget}">{budget}, {name}</button>'
         for name, budget in _BUDGETS.items()

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from mercator_design.errors import printable
 from mercator_design.system.files import write_bytes
-from mercator_design.view.charts import COLOURS, Axis, Curve
+from mercator_design.view.charts import COLOURS, Axis, ChartLine
 
 _DPI = 160  # of a PNG
 _LINES = ("-", "--", ":", "-.")
@@ -71,7 +71,7 @@ def draw_caption(figure: Figure, caption: str, y: float, align: str) -> None:
     figure.text(0.5, y, "\n".join(lines), ha="center", va=align, size=6.0, family="monospace")
 
 
-def save_curves(path: Path, lines: Sequence[Curve], x: Axis, y: Axis, *, title: str, caption: str) -> None:
+def save_curves(path: Path, lines: Sequence[ChartLine], x: Axis, y: Axis, *, title: str, caption: str) -> None:
     """Draw lines with their bands; a caption with long lines is wrapped.
 
     Raises:

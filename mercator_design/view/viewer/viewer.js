@@ -511,13 +511,13 @@ const MercatorReplay = (() => {
         if (row >= 0 && row < rows && column >= 0 && column < columns) counts[row * columns + column]++;
       }
     }
-    const max = Math.max(...counts) || 1;
+    const maxCount = Math.max(...counts) || 1;
     const image = document.createElement("canvas");
     [image.width, image.height] = [columns, rows];
     const context = image.getContext("2d");
     const pixels = context.createImageData(columns, rows);
     counts.forEach((count, k) => {
-      const share = Math.sqrt(count / max);
+      const share = Math.sqrt(count / maxCount);
       pixels.data.set([213 - 60 * share, 94 * (1 - share), 40 + 80 * share, count ? 40 + 200 * share : 0], 4 * k);
     });
     context.putImageData(pixels, 0, 0);

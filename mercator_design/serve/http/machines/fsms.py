@@ -29,9 +29,9 @@ from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)
 
-PART = 0.05
+PART_OF_LIMIT = 0.05
 """Of the time limit of the helpers: after so much, an evaluation lets other work in between."""
-WHOLE = 10.0
+MAX_OF_LIMIT = 10.0
 """Of the same: a longer evaluation is refused."""
 _PAUSE = 1.0
 """Seconds after which an evaluation asks again for a helper."""
@@ -62,13 +62,13 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     machines = machines_given(service, user, body.mission, body.fsms)
     seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
-        work = partial(service.desk.run, run_part, machines, seeds, len(scores), PART * seconds)
+        work = partial(service.desk.run, run_part, machines, seeds, len(scores), PART_OF_LIMIT * seconds)
         part, taken = await _done(request, work, has_begun=bool(scores))
         scores, spent = [*scores, *part], spent + taken
-        if (expected := spent * total / len(scores)) > WHOLE * seconds:
+        if (expected := spent * total / len(scores)) > MAX_OF_LIMIT * seconds:
             raise TooMuchWork(
-                f"{total} experiments would take about {expected:.0f} s; the service allows {WHOLE * seconds:.0f} s: "
-                "ask for fewer runs"
+                f"{total} experiments would take about {expected:.0f} s; "
+                f"the service allows {MAX_OF_LIMIT * seconds:.0f} s: ask for fewer runs"
             )
     last = partial(service.desk.run, compared, machines, seeds, body.seed, scores)
     return EvaluationAnswer(**await _done(request, last, has_begun=True))

@@ -7,9 +7,7 @@ at random). floor_kernels.py computes the colour at a point, for sensors and obj
 import hashlib
 import io
 import math
-import os.path
 import typing
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,6 +23,7 @@ from mercator_design.config.schema import FieldError, FilePath, KeywordsOf, Leng
 from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.calls import Call, copied
+from mercator_design.missions.pictures import painted_over, read_picture
 from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))
@@ -32,14 +31,8 @@ _COLOURS = (Colour, *typing.get_args(Colour))
 DISC, RECTANGLE, HALF_PLANE, RING, POLYGON = 0.0, 1.0, 2.0, 3.0, 4.0
 """The kind of a zone: the first number of its row in a table."""
 
-MAX_PIXELS = 4_000_000
-"""Pixels of an image: a small file with more could fill the memory."""
-
-
 _MAX_ROWS = 10_000
 """Rows of numbers of a dynamic, which its kernel visits in every cycle."""
-
-_FORMATS = ("PNG", "JPEG", "BMP", "PPM")
 
 
 class FloorTable(NamedTuple):
@@ -174,7 +167,7 @@ class Tiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Image:
-    """A picture on the floor, its first row at the top (+y); transparency is ignored.
+    """A picture on the floor, its first row at the top (+y).
 
     It is read once, here, and sent with the mission, because the file may change, or a worker may not have it. So
     images of the same pixels are equal, wherever their files are.
@@ -183,11 +176,11 @@ class Image:
     path: Annotated[str, FilePath()] = field(compare=False)  # of a PNG, JPEG, BMP or PPM
     size: tuple[Size, Size]  # [m] width and height
     center: Point = (0.0, 0.0)  # [m] x, y
-    pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # (rows, columns, 3)
+    pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # as `read_picture`
     digest: str = field(init=False)  # of the pixels
 
     def __post_init__(self) -> None:
-        pixels = _pixels(self.path)
+        pixels = read_picture(self.path)
         digest = hashlib.sha256(f"{pixels.shape}".encode() + pixels.tobytes()).hexdigest()[:16]
         object.__setattr__(self, "pixels", pixels)
         object.__setattr__(self, "digest", digest)
@@ -248,8 +241,11 @@ class Floor:
     image: Image | None = None
     zones: Annotated[tuple[Zone, ...], Length(high=1000)] = ()  # the later over the earlier
     dynamics: Annotated[tuple[Dynamics, ...], Length(high=100)] = ()  # what changes zones during an experiment
+    pixels: NDArray[np.uint8] = field(init=False, repr=False, compare=False)  # of the image over the background
 
     def __post_init__(self) -> None:
+        there = self.image.pixels if self.image else np.zeros((1, 1, 3), dtype=np.uint8)
+        object.__setattr__(self, "pixels", painted_over(there, rgb(self.background)))
         checked(self._mistakes())
 
     def _mistakes(self) -> Iterator[FieldError]:
@@ -301,7 +297,7 @@ class Floor:
         return FloorTable(
             zones=zones,
             background=np.array(rgb(self.background)),
-            image=self.image.pixels if self.image else np.zeros((1, 1, 3), dtype=np.uint8),
+            image=self.pixels,
             extent=self.image.extent() if self.image else np.zeros(4),
             vertices=vertices,
             changes=np.column_stack([np.array(kernels, dtype=np.int64), ends[:-1], ends[1:]]),
@@ -332,19 +328,3 @@ class Floor:
     def zone_rows(self) -> dict[str, tuple[int, ...]]:
         """The rows of each named zone in every table of this floor."""
         return {zone.name: tuple(rows) for zone, rows in self.with_rows() if zone.name is not None}
-
-
-def _pixels(path: str) -> NDArray[np.uint8]:
-    """The picture in a file; raises FieldError("path", ...) if it is not a picture, or too large."""
-    from PIL import Image as Pillow
-
-    if not os.path.isfile(path):  # noqa: PTH113 - never raises; opening a pipe or device would block
-        raise FieldError("path", f"no such file: {path}")
-    try:
-        with warnings.catch_warnings(action="ignore"), Pillow.open(path, formats=_FORMATS) as picture:
-            width, height = picture.size
-            if width * height <= MAX_PIXELS:
-                return np.array(picture.convert("RGB"), dtype=np.uint8, order="C")
-    except (OSError, ValueError, SyntaxError, Pillow.DecompressionBombError) as error:
-        raise FieldError("path", f"not a picture (PNG, JPEG, BMP or PPM) that can be read: {error}") from None
-    raise FieldError("path", f"expected at most {MAX_PIXELS} pixels, found {width} x {height} in {path}")

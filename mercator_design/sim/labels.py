@@ -38,7 +38,7 @@ def floor_labels(floor: Floor) -> tuple[ColourName, ...]:
     levels = np.array([rgb for rgb, colour in written.items() if not isinstance(colour, str)]).reshape(-1, 3)
     names |= _nearest(levels)
     if floor.image is not None:
-        names |= _nearest(floor.image.pixels.reshape(-1, 3))
+        names |= _nearest(floor.pixels.reshape(-1, 3))
     return _in_order(names)
 
 

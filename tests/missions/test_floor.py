@@ -12,7 +12,6 @@ from mercator_design import seeds
 from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
 from mercator_design.missions.floor import (
-    MAX_PIXELS,
     Disc,
     Floor,
     HalfPlane,
@@ -24,6 +23,7 @@ from mercator_design.missions.floor import (
     rgb,
 )
 from mercator_design.missions.floor_kernels import colour_at, colours_at, zone_at, zone_contains
+from mercator_design.missions.pictures import MAX_PIXELS
 from mercator_design.missions.trace import Trace
 
 RNG = seeds.generator(1, "floor")

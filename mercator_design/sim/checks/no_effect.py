@@ -164,7 +164,7 @@ def _image_warnings(mission: Mission, model: RobotModel, labels: tuple[ColourNam
     image = mission.floor.image
     if image is None or model.ground is None or not labels:
         return
-    pixels = np.random.default_rng(0).choice(image.pixels.reshape(-1, 3), _PIXELS)
+    pixels = np.random.default_rng(0).choice(mission.floor.pixels.reshape(-1, 3), _PIXELS)
     share = sum(misread(labels, model.ground, pixels).values())
     if share >= _MISREAD:
         counts = f"{100.0 * share:.1f} % of the readings of the image count as another colour than they should"

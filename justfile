@@ -5,7 +5,8 @@ _list:
 # An environment with everything a developer needs
 setup:
     python3 -m venv .venv
-    .venv/bin/pip install -e '.[dev]'
+    .venv/bin/pip install -U pip
+    .venv/bin/pip install -e . --group dev
 
 # The default tests
 test *ARGS:

@@ -10,8 +10,10 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 
+import mercator_design
 from docs import cli_reference, tables
 from docs.made_part import MadePart
 from mercator_design.cli.record import record
@@ -314,3 +316,8 @@ def test_pictures_of_the_readme_are_small():
     assert pictures
     for picture in pictures:
         assert (ROOT / picture).stat().st_size <= 1_000_000
+
+
+def test_the_citation_has_the_version_of_the_program():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == mercator_design.__version__

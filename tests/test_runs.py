@@ -922,7 +922,7 @@ class TestAnalysis:
         page = mdesign("runs", "importance", raced, "--of", "parameters")[1]
         rows = page.partition(" gain\n")[2].splitlines()
         assert [row.split()[0] for row in rows[:-1]] == list(table.index[:20])
-        assert rows[-1] == f"and {len(table) - 20} more, of at most {table.share.iloc[20]:z.1%}: --csv has all"
+        assert rows[-1] == f"and {len(table) - 20} more, of at most {table.share.iloc[20]:.1%}: --csv has all"
         assert "-0.0%" not in page
         called = {name: re.search(rf"^{name} .*  (\d+ \(.*?\))  ", page, re.MULTILINE) for name in table.index[:20]}
         numbers = numbered(BEHAVIOURS, "watermelon")

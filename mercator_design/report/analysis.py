@@ -35,7 +35,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
     rows += [
         (
             one.name,
-            f"{one.share:z.1%} ± {one.error:.1%}",
+            f"{one.share:.1%} ± {one.error:.1%}",
             f"{one.active:.0%}",
             _value(task, one),
             f"{one.gain:.3g}",
@@ -54,7 +54,7 @@ def importance_page(task: Task[Any], explanation: Explanation) -> str:
             ),
             "",
             *aligned(rows),
-            *([f"and {len(others)} more, of at most {others[0].share:z.1%}: --csv has all"] if others else []),
+            *([f"and {len(others)} more, of at most {others[0].share:.1%}: --csv has all"] if others else []),
             "",
         ]
     )

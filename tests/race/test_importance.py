@@ -63,7 +63,7 @@ class TestTruth:
     def test_what_does_not_matter(self, found):
         for name in ("b", "idle", "idle2"):
             one = by_name(found)[name]
-            assert abs(one.share) < 0.02
+            assert 0 <= one.share < 0.02
             assert one.share - 2 * one.error < 0.005
         for name in ("a", "rule", "c"):
             one = by_name(found)[name]
@@ -101,6 +101,25 @@ def test_shares_are_lower_bounds():
             ratios.append(found[name].share / true)
     assert 0.7 < np.mean(ratios) < 1
     assert not {"low", "high"} & set(Importance.__slots__)
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.4])
+def test_shares_are_from_0_to_1_and_the_strongest_is_first(noise):
+    """Also of few configurations, whose predictions chance makes better or worse."""
+    space = Space([real(name, 0, 1) for name in "abcdefgh"])
+    zeros = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        configurations = [{name: round(float(rng.random()), 4) for name in "abcdefgh"} for _ in range(30)]
+        costs = [{k: one["a"] + noise * rng.normal() for k in range(3)} for one in configurations]
+        found = explain(space, configurations, costs, seed=1)
+        shares = [one.share for one in found.parameters]
+        assert shares == sorted(shares, reverse=True)
+        assert min(shares) >= 0
+        assert max(shares) <= 1
+        assert found.explained <= 1
+        zeros += shares.count(0)
+    assert zeros
 
 
 def test_of_a_race():

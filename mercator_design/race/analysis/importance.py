@@ -7,7 +7,8 @@ get, the more important is the parameter (Breiman 2001, Random forests, Machine 
 error that this adds is, for independent parameters, the total effect of Sobol's method: the share of the variance in
 which the parameter has a part, alone or with others (Jansen 1999, Computer Physics Communications 117:35-43). A model
 that has learnt from few or noisy results predicts too small differences, so a share is rather a lower bound than an
-estimate.
+estimate. Where a parameter has no effect, shuffling it makes the predictions a little better or worse by chance. A
+share that this puts below 0 is 0, and one above 1 is 1.
 
 Importance is about the configurations that were raced, and most of them are similar to the elites. The importance of
 parameters that always change together cannot be separated.
@@ -44,7 +45,7 @@ _GRID = 7
 class Importance:
     """The importance of one parameter.
 
-    share: The share of the variance between configurations in which it has a part, at least; may be below 0.
+    share: The share of the variance between configurations in which it has a part, at least; from 0 to 1.
     error: The standard error of the share over the configurations, for the given models.
     active: The share of the configurations in which it is active.
     favours: The value with the lowest predicted cost, if all others stay as they are.
@@ -64,7 +65,8 @@ class Explanation:
     """The result of the analysis.
 
     configurations: Number of configurations that were learnt from.
-    explained: The share of the variance between new configurations, without noise, that is predicted.
+    explained: The share of the variance between new configurations, without noise, that is predicted; at most 1, and
+        below 0 if the predictions are worse than the mean.
     parameters: The most important first; parameters that do not vary are left out.
     """
 
@@ -126,8 +128,10 @@ def _explain(
                 added[active, column] += (means[active] - model.predict(shuffled)) ** 2 - before[active]
     added /= 2 * _SHUFFLES * between
     model = _Model(features, places, means, noise)
+    shares = added.mean(axis=0)
     found = []
-    for column, parameter in enumerate(space.variable):
+    for column in sorted(range(len(shares)), key=lambda column: -shares[column]):
+        parameter = space.variable[column]
         rows = np.flatnonzero(~np.isnan(places[:, column]))
         if len(np.unique(places[rows, column])) < 2:
             continue
@@ -135,13 +139,12 @@ def _explain(
         value = configurations[rows[best]][parameter.name]
         found.append(
             Importance(
-                name=parameter.name, share=float(added[:, column].mean()),
+                name=parameter.name, share=float(shares[column].clip(0, 1)),
                 error=float(added[:, column].std(ddof=1)) / len(places) ** 0.5,
                 active=len(rows) / len(places), favours=value, gain=gain,
             )
         )  # fmt: skip
-    found.sort(key=lambda one: -one.share)
-    explained = 1 - (float(before.mean()) - float(noise.mean())) / between
+    explained = min(1.0, 1 - (float(before.mean()) - float(noise.mean())) / between)
     return Explanation(configurations=len(places), explained=explained, parameters=tuple(found))
 
 

@@ -3,6 +3,7 @@
 from mercator_design.analysis.analysis import importance as measured
 from mercator_design.errors import RaceError
 from mercator_design.fsm.text import to_text
+from mercator_design.race.analysis.importance import Importance
 from mercator_design.race.racing.summary import ALPHA, CONFIDENCE
 from mercator_design.report.analysis import ABLATION, read_ablation
 from mercator_design.report.page.facts import Facts
@@ -26,8 +27,7 @@ def _importance(facts: Facts) -> Html:
         _, explanation = measured(facts.folder)
     except RaceError as error:
         return note(error.messages[0])
-    halves = [(one, _NORMAL * one.error) for one in explanation.parameters[:_MAX_SHOWN]]
-    dots = [Dot(one.name.replace("_", " "), one.share, one.share - half, one.share + half) for one, half in halves]
+    dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]
     if not dots:
         return Html()
     what = "the number of each module in a PFSM" if facts.designer is not None else "each parameter"
@@ -38,6 +38,11 @@ def _importance(facts: Facts) -> Html:
     )
     chart = interval_chart(dots, Axis("share of the variance"))
     return figure(chart, caption, facts.command("runs", "importance"))
+
+
+def _dot(one: Importance) -> Dot:
+    half = _NORMAL * one.error
+    return Dot(one.name.replace("_", " "), one.share, max(0.0, one.share - half), min(1.0, one.share + half))
 
 
 def _ablation(facts: Facts) -> Html:

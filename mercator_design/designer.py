@@ -263,6 +263,7 @@ def header_of(simulator: Simulator) -> dict[str, str]:
     header = {
         "mission": mission.name,
         "mission digest": mission.digest,
+        "robots": str(mission.robots),
         "robot model": model.name,
         "robot model digest": digest_of(model),
         "kernels": kernels_digest()[:16],

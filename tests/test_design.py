@@ -43,8 +43,9 @@ def test_seeds_of_instances_are_those_of_irace_s_domain_and_differ_by_purpose():
 def test_the_header_tells_a_robot_what_was_raced():
     mission = load_mission("aggregation", ["duration=1", "control_period=0.05"])
     header = Designer(Simulator(mission), budget=100, seed=1).header()
-    told = {key: header[key] for key in ("control period", "maximum speed", "reference model", "control software")}
-    assert told == {
+    keys = ("robots", "control period", "maximum speed", "reference model", "control software")
+    assert {key: header[key] for key in keys} == {
+        "robots": "3",
         "control period": "0.05",
         "maximum speed": "0.3",
         "reference model": "{}",

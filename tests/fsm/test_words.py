@@ -11,7 +11,7 @@ from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import with_parameters
+from mercator_design.fsm.words.modules import Swarm, module_words, with_parameters
 from mercator_design.fsm.words.names import state_names
 from tests.fsm.strategies import pfsms
 from tests.fsm.test_structure import renumbered
@@ -28,7 +28,7 @@ def changes(other, one=HERE):
 
 
 def test_an_explanation():
-    assert explanation(HERE, ("search", "rest"), 0.1) == (
+    assert explanation(HERE, ("search", "rest"), Swarm(0.1)) == (
         "A PFSM of watermelon with 2 states and 2 transitions. Robots begin in search.\n"
         "In each control cycle (0.1 s) a robot does what its state says.\n"
         "Then, but for the first cycle of a visit, it tests the transitions of the state in random order,\n"
@@ -49,11 +49,87 @@ def test_an_explanation():
     )
 
 
+@pytest.mark.parametrize(
+    ("robots", "words"),
+    [
+        (None, "nearly 100 % with none, nearly 100 % with 7, 50 % with 8 and nearly 0 % with 9, in each cycle"),
+        (1, "nearly 100 % with none, in each cycle; there is no other robot"),
+        (2, "nearly 100 % with none and nearly 100 % with 1, in each cycle; there is only 1 other robot"),
+        (3, "nearly 100 % with none and nearly 100 % with 2, in each cycle; there are only 2 other robots"),
+        (
+            9,
+            "nearly 100 % with none, nearly 100 % with 7 and 50 % with 8, in each cycle; there are only 8 other robots",
+        ),
+        (10, "nearly 100 % with none, nearly 100 % with 7, 50 % with 8 and nearly 0 % with 9, in each cycle"),
+    ],
+)
+def test_a_robot_has_no_more_neighbours_than_there_are_other_robots(robots, words):
+    found = module_words("inverted neighbours count", (8.0, 10.38), Swarm(0.1, robots))
+    assert found == f"the fewer neighbours the likelier: {words}"
+    several = module_words("neighbours count", (8.0, 10.38), Swarm(0.1, robots))
+    assert several.partition("cycle")[2] == found.partition("cycle")[2]
+
+
+def test_a_robot_alone_has_no_neighbours_to_go_to():
+    for behaviour in ("attraction", "repulsion"):
+        assert module_words(behaviour, (2.0,), Swarm(0.1, 1)).endswith("obstacles; there is no other robot")
+        assert module_words(behaviour, (2.0,), Swarm(0.1, 2)).endswith("obstacles")
+
+
+class TestRobotsThatAreKnown:
+    COUNTS = "--nstates 2 --s0 0 --rwm0 5 --n0 1 --n0x0 0 --c0x0 3 --p0x0 8 --w0x0 9 --s1 1"
+
+    @pytest.fixture
+    def explained(self, mdesign, tmp_path):
+        def explain(header, *options):
+            file = tmp_path / "fsm.txt"
+            file.write_text(f"{header}{self.COUNTS}\n")
+            code, out, err = mdesign("fsm", "explain", file, *options)
+            return (code, err) if code else (out, err)
+
+        return explain
+
+    @pytest.mark.parametrize("header", ["# mission: aggregation\n", "# robots: 3\n# mission: gone.yaml\n"])
+    def test_by_the_header(self, explained, header):
+        out, err = explained(header)
+        assert "\nThere are 3 robots: each has 2 others.\n" in out
+        assert "with 2, in each cycle; there are only 2 other robots\n" in out
+        assert err == ""
+
+    def test_by_a_mission(self, explained):
+        assert "there are only 19 other robots" not in explained("", "--mission", "aggregation_20")[0]
+        assert "There are 20 robots: each has 19 others." in explained("", "--mission", "aggregation_20")[0]
+        assert "There are 3 robots" in explained("# robots: 20\n", "--mission", "aggregation")[0]
+
+    def test_not_at_all(self, explained):
+        out, err = explained("")
+        assert "There are" not in out
+        assert "with 9, in each cycle\n" in out
+        assert err == ""
+        out, err = explained("# mission: gone.yaml\n")
+        assert "with 9, in each cycle\n" in out
+        assert "Note: the number of robots is not known: " in err
+        assert "gone.yaml" in err
+
+    @pytest.mark.parametrize("robots", ["0", "x", "1001"])
+    def test_a_wrong_header_is_refused(self, explained, robots):
+        code, err = explained(f"# robots: {robots}\n")
+        assert code == 3
+        assert f'robots in the header: expected a whole number >= 1 and <= 1000, found "{robots}"' in err
+
+    def test_on_a_picture(self, mdesign, tmp_path):
+        file = tmp_path / "fsm.txt"
+        file.write_text(f"# mission: aggregation\n{self.COUNTS}\n")
+        assert "There are 3 robots: each has 2 others." in mdesign("fsm", "show", file)[1]
+        file.write_text("# mission: aggregation\n--nstates 1 --s0 1\n")
+        assert "robots: each" not in mdesign("fsm", "show", file)[1]
+
+
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_every_module_of_published_designs_is_explained(flavour):
     for line in PUBLISHED[flavour].values():
         pfsm = parse(line, flavour)
-        text = explanation(pfsm, state_names(pfsm), 0.1)
+        text = explanation(pfsm, state_names(pfsm), Swarm(0.1))
         for state in pfsm.states:
             assert with_parameters(state.behaviour, state.parameters) in text
             assert all(with_parameters(edge.condition, edge.parameters) in text for edge in state.transitions)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mercator_design.cli.machines.swarm import swarm_of
 from mercator_design.command import (
     FILE,
     FLAVOUR,
@@ -16,6 +17,7 @@ from mercator_design.command import (
     read_controller,
 )
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
+from mercator_design.fsm.words.modules import robots_words
 from mercator_design.system.files import write_text, writing
 from mercator_design.view.machines.diagram import diagram_svg
 from mercator_design.view.machines.notations import to_dot, to_mermaid, to_tikz
@@ -77,7 +79,9 @@ def show(
     if form != "svg":
         text = _FORMATS[form](file)
     elif mission is None:
-        text = diagram_svg(file.pfsm, file.names, caption=[f"mdesign fsm show {shlex.quote(str(fsm))}"])
+        robots = swarm_of(fsm, file).robots if "neighbours" in file.pfsm.reads else None
+        about = [] if robots is None else [robots_words(robots)]
+        text = diagram_svg(file.pfsm, file.names, caption=[*about, f"mdesign fsm show {shlex.quote(str(fsm))}"])
     else:
         text = _measured(fsm, file, mission, runs or _RUNS, _SEED if seed is None else seed)
     if output is None:

@@ -3,25 +3,27 @@
 from collections.abc import Iterator, Sequence
 
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.modules import module_words, with_parameters
+from mercator_design.fsm.words.modules import Swarm, module_words, robots_words, with_parameters
 
 
-def explanation(pfsm: Pfsm, names: Sequence[str], cycle: float) -> str:
+def explanation(pfsm: Pfsm, names: Sequence[str], swarm: Swarm) -> str:
     """What robots with a PFSM do.
 
     Args:
         pfsm: The PFSM.
         names: The names of its states.
-        cycle: The control period [s].
+        swarm: The robots.
     """
-    return "\n".join(_lines(pfsm, names, cycle))
+    return "\n".join(_lines(pfsm, names, swarm))
 
 
-def _lines(pfsm: Pfsm, names: Sequence[str], cycle: float) -> Iterator[str]:
+def _lines(pfsm: Pfsm, names: Sequence[str], swarm: Swarm) -> Iterator[str]:
     n, m = len(pfsm.states), sum(len(state.transitions) for state in pfsm.states)
     parts = f"{_count(n, 'state')} and {_count(m, 'transition')}"
     yield f"A PFSM of {pfsm.flavour} with {parts}. Robots begin in {names[0]}."
-    yield f"In each control cycle ({cycle:g} s) a robot does what its state says."
+    if swarm.robots is not None:
+        yield robots_words(swarm.robots)
+    yield f"In each control cycle ({swarm.cycle:g} s) a robot does what its state says."
     if m:
         yield (
             "Then, but for the first cycle of a visit, it tests the transitions of the state in random order,\n"
@@ -32,14 +34,14 @@ def _lines(pfsm: Pfsm, names: Sequence[str], cycle: float) -> Iterator[str]:
             names[k] for k, other in enumerate(pfsm.states) if any(edge.target == i for edge in other.transitions)
         ]
         yield f"\n{names[i]}: {with_parameters(state.behaviour, state.parameters)}"
-        yield f"  The robot {module_words(state.behaviour, state.parameters, cycle)}."
+        yield f"  The robot {module_words(state.behaviour, state.parameters, swarm)}."
         if i and not sources:
             yield "  No transition leads to this state: robots never are in it."
         for target in dict.fromkeys(edge.target for edge in state.transitions):
             yield f"  It changes to {names[target]}"
             for edge in state.transitions:
                 if edge.target == target:
-                    yield f"    {module_words(edge.condition, edge.parameters, cycle)}"
+                    yield f"    {module_words(edge.condition, edge.parameters, swarm)}"
                     yield f"      [{with_parameters(edge.condition, edge.parameters)}]"
         if not state.transitions and n > 1:
             yield "  No transition leads out of this state: the robot stays in it to the end."

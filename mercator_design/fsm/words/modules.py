@@ -1,12 +1,12 @@
 """What each behaviour and condition does, in words, and the meaning and unit of its parameters.
 
 A function for each module: its keyword-only parameters are the module's, with the comments that `mdesign schema fsm`
-and error messages show; it returns the words for given values. `cycle` is the control period [s].
+and error messages show; it returns the words for given values.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from mercator_design.config.schema import unit_of
 from mercator_design.fsm.behaviours import BEHAVIOURS
@@ -16,131 +16,157 @@ from mercator_design.fsm.modules import Module
 Words = Callable[..., str]
 
 
+class Swarm(NamedTuple):
+    """What is known of the robots that run a PFSM."""
+
+    cycle: float  # [s] control period
+    robots: int | None = None  # how many; None if it is not known
+
+
 def _exploration(
-    cycle: float,
+    swarm: Swarm,
     *,
     tau: int,  # [cycles] a turn away from an obstacle takes fewer cycles than this; 0 means 1
 ) -> str:
     """Drive straight on; before an obstacle, turn away from it for a random time."""
     longest = max(1, tau - 1)
     time = f"1 to {longest} cycles" if longest > 1 else "1 cycle"
-    return f"drives straight on; before an obstacle it turns away for {time} (at most {_seconds(longest, cycle)})"
+    return f"drives straight on; before an obstacle it turns away for {time} (at most {_seconds(longest, swarm)})"
 
 
-def _stop(_: float) -> str:
+def _stop(_: Swarm) -> str:
     """Stand still."""
     return "stands still"
 
 
-def _phototaxis(_: float) -> str:
+def _phototaxis(_: Swarm) -> str:
     """Go to the light, away from obstacles."""
     return "goes to the light and keeps away from obstacles"
 
 
-def _anti_phototaxis(_: float) -> str:
+def _anti_phototaxis(_: Swarm) -> str:
     """Go away from the light and from obstacles."""
     return "goes away from the light and from obstacles"
 
 
 def _attraction(
-    _: float,
+    swarm: Swarm,
     *,
     alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
 ) -> str:
     """Go to the neighbours, away from obstacles."""
-    return f"goes to its neighbours (strength {alpha:g} of 1 to 5) and keeps away from obstacles"
+    alone = f"; {_others(1)}" * (swarm.robots == 1)
+    return f"goes to its neighbours (strength {alpha:g} of 1 to 5) and keeps away from obstacles{alone}"
 
 
 def _repulsion(
-    _: float,
+    swarm: Swarm,
     *,
     alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
 ) -> str:
     """Go away from the neighbours and from obstacles."""
-    return f"goes away from its neighbours (strength {alpha:g} of 1 to 5) and from obstacles"
+    alone = f"; {_others(1)}" * (swarm.robots == 1)
+    return f"goes away from its neighbours (strength {alpha:g} of 1 to 5) and from obstacles{alone}"
 
 
 def _black_floor(
-    cycle: float,
+    swarm: Swarm,
     *,
     beta: float,  # [per cycle] probability where the ground is black
 ) -> str:
     """The ground is black."""
-    return _with_probability(beta, cycle, "where the ground is black")
+    return _with_probability(beta, swarm, "where the ground is black")
 
 
 def _gray_floor(
-    cycle: float,
+    swarm: Swarm,
     *,
     beta: float,  # [per cycle] probability where the ground is gray
 ) -> str:
     """The ground is gray; green is as bright as gray."""
-    return _with_probability(beta, cycle, "where the ground is as bright as gray (green is)")
+    return _with_probability(beta, swarm, "where the ground is as bright as gray (green is)")
 
 
 def _white_floor(
-    cycle: float,
+    swarm: Swarm,
     *,
     beta: float,  # [per cycle] probability where the ground is white
 ) -> str:
     """The ground is white; yellow is as bright as white."""
-    return _with_probability(beta, cycle, "where the ground is as bright as white (yellow is)")
+    return _with_probability(beta, swarm, "where the ground is as bright as white (yellow is)")
 
 
 def _neighbours_count(
-    _: float,
+    swarm: Swarm,
     *,
     xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
     eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
 ) -> str:
     """The robot has many neighbours."""
-    return f"the more neighbours the likelier: {_by_neighbours(xi, eta, +1)}"
+    return f"the more neighbours the likelier: {_by_neighbours(xi, eta, swarm, +1)}"
 
 
 def _inverted_neighbours_count(
-    _: float,
+    swarm: Swarm,
     *,
     xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
     eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
 ) -> str:
     """The robot has few neighbours."""
-    return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, -1)}"
+    return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, swarm, -1)}"
 
 
 def _fixed_probability(
-    cycle: float,
+    swarm: Swarm,
     *,
     beta: float,  # [per cycle] probability
 ) -> str:
     """By chance."""
-    return _with_probability(beta, cycle, "")
+    return _with_probability(beta, swarm, "")
 
 
 def _floor_colour(
-    cycle: float,
+    swarm: Swarm,
     *,
     beta: float,  # [per cycle] probability where the ground has the colour
     label: Literal["green", "blue", "red", "yellow"],  # the colour
 ) -> str:
     """The ground has a colour."""
-    return _with_probability(beta, cycle, f"where the ground is {label}")
+    return _with_probability(beta, swarm, f"where the ground is {label}")
 
 
-def _with_probability(beta: float, cycle: float, where: str) -> str:
+def _with_probability(beta: float, swarm: Swarm, where: str) -> str:
     if beta <= 0.0:
         return "never"
     if beta >= 1.0:
         return f"at once {where}".rstrip()
     place = f" {where}" if where else ""
-    time = f"after {_seconds(1.0 / beta, cycle)}{' there' * bool(where)}, on average"
+    time = f"after {_seconds(1.0 / beta, swarm)}{' there' * bool(where)}, on average"
     return f"with probability {beta:g} a cycle{place} ({time})"
 
 
-def _by_neighbours(xi: int, eta: float, sign: int) -> str:
-    """The probabilities with none and with about xi neighbours."""
-    numbers = sorted({0, max(0, int(xi) - 1), int(xi), int(xi) + 1})
-    found = [f"{_percent(logistic(float(eta) * sign * (n - xi)))} with {n or 'none'}" for n in numbers]
-    return f"{', '.join(found[:-1])} and {found[-1]}, in each cycle"
+def _by_neighbours(xi: int, eta: float, swarm: Swarm, sign: int) -> str:
+    """The probabilities with none and with about xi neighbours; no more than there are other robots."""
+    numbers = {0, max(0, int(xi) - 1), int(xi), int(xi) + 1}
+    only = ""
+    if swarm.robots is not None and swarm.robots <= max(numbers):
+        numbers = {min(n, swarm.robots - 1) for n in numbers}
+        only = f"; {_others(swarm.robots)}"
+    found = [f"{_percent(logistic(float(eta) * sign * (n - xi)))} with {n or 'none'}" for n in sorted(numbers)]
+    return f"{' and '.join(filter(None, (', '.join(found[:-1]), found[-1])))}, in each cycle{only}"
+
+
+def robots_words(robots: int) -> str:
+    """How many robots there are, in a sentence."""
+    if robots == 1:
+        return "There is 1 robot: it has no others."
+    return f"There are {robots} robots: each has {robots - 1} other{'s' * (robots > 2)}."
+
+
+def _others(robots: int) -> str:
+    """How many other robots a robot has."""
+    n = robots - 1
+    return f"there {'are' if n > 1 else 'is'} {f'only {n}' if n else 'no'} other robot{'s' * (n > 1)}"
 
 
 def _percent(probability: float) -> str:
@@ -152,8 +178,8 @@ def _percent(probability: float) -> str:
     return f"{percent:.{0 if 1.0 <= percent <= 99.0 else 1}f} %"
 
 
-def _seconds(cycles: float, cycle: float) -> str:
-    return f"{cycles * cycle:.3g} s"
+def _seconds(cycles: float, swarm: Swarm) -> str:
+    return f"{cycles * swarm.cycle:.3g} s"
 
 
 BEHAVIOUR_WORDS: Mapping[str, Words] = {
@@ -205,9 +231,9 @@ def parameters_words(module: str, values: tuple[float, ...]) -> str:
     return ", ".join(found)
 
 
-def module_words(module: str, values: tuple[float, ...], cycle: float) -> str:
+def module_words(module: str, values: tuple[float, ...], swarm: Swarm) -> str:
     """What a module with these parameters does: "stands still"; with which probability a condition holds."""
-    return _WORDS[module](cycle, **named_values(module, values))
+    return _WORDS[module](swarm, **named_values(module, values))
 
 
 def with_parameters(module: str, values: tuple[float, ...]) -> str:

@@ -6,7 +6,7 @@ from mercator_design.analysis.proof import Proof
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import module_words
+from mercator_design.fsm.words.modules import Swarm, module_words, robots_words
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
 from mercator_design.race.racing.summary import CONFIDENCE, Scores
@@ -62,6 +62,8 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
         f"Configuration {best} as a PFSM: robots begin in state 0; each condition is beside the transition "
         "that it triggers."
     )
+    if facts.designer is not None and "neighbours" in pfsm.reads:
+        caption += f" {robots_words(facts.designer.simulator.mission.robots)}"
     if traces:
         caption += f" Shares of time and rates are those of the {len(traces)} replays below."
     measured = occupancy(traces, len(pfsm.states)) if traces else None
@@ -74,8 +76,8 @@ def _words(facts: Facts, pfsm: Pfsm) -> Html:
     if facts.designer is None:
         return Html()
     mission, model = facts.designer.simulator.mission, facts.designer.simulator.robot_model
-    names, cycle = state_names(pfsm), mission.control_period
-    does = dict.fromkeys(module_words(state.behaviour, state.parameters, cycle) for state in pfsm.states)
+    names, swarm = state_names(pfsm), Swarm(mission.control_period, mission.robots)
+    does = dict.fromkeys(module_words(state.behaviour, state.parameters, swarm) for state in pfsm.states)
     when = "; its conditions decide when" if len(does) > 1 else ""
     findings = "".join(
         f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in lint(pfsm, names, mission, model)
@@ -83,5 +85,5 @@ def _words(facts: Facts, pfsm: Pfsm) -> Html:
     return Html(
         note(f"A robot {'; or it '.join(does)}{when}.")
         + (f"<ul>{findings}</ul>" if findings else "")
-        + folded("All states and conditions in words", text(explanation(pfsm, names, cycle)))
+        + folded("All states and conditions in words", text(explanation(pfsm, names, swarm)))
     )

@@ -12,6 +12,7 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
+from mercator_design.fsm.words.modules import Swarm
 from mercator_design.fsm.yaml_form import parse_yaml
 from mercator_design.race.racing.summary import Scores
 from mercator_design.report.evaluations import Comparison, Evaluated, comparison_data
@@ -74,13 +75,13 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     """An FSM as text, YAML, data, words and a picture; with findings, on a mission if one is known."""
     on = None if simulator is None else (simulator.mission, simulator.robot_model)
     written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
-    cycle = _CYCLE if simulator is None else simulator.mission.control_period
+    swarm = Swarm(_CYCLE) if on is None else Swarm(on[0].control_period, on[0].robots)
     return {
         "text": to_text(found.pfsm),
         "file": fsm_file_text(found.pfsm, {} if simulator is None else header_of(simulator), found.names),
         "yaml": written,
         "structure": {key: value for key, value in plain(parse_yaml(written, FSM)).items() if key != "header"},
-        "explanation": explanation(found.pfsm, found.names, cycle),
+        "explanation": explanation(found.pfsm, found.names, swarm),
         "findings": [asdict(one) for one in lint(found.pfsm, found.names, *(on or ()))],
         "diagram": diagram_svg(found.pfsm, found.names, narrow=narrow),
     }

@@ -20,7 +20,7 @@ from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.race import parse_space
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.runner import RaceRun
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 

@@ -51,7 +51,7 @@ from mercator_design.fsm.text import to_text
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.race import Configuration
-from mercator_design.race.racing.statistics import holm
+from mercator_design.race.elimination.statistics import holm
 from mercator_design.sim.simulate import Simulator
 
 FRESH = 200

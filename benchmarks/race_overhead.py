@@ -30,19 +30,19 @@ from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Configuration, Experiment, parse_space
-from mercator_design.race.candidates.newcomers import Newcomers
-from mercator_design.race.candidates.proposals import Proposer
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import Executor, Failed
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods import halving
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.journal import Journal
-from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.task import Problem
+from mercator_design.race.proposals.newcomers import Newcomers
+from mercator_design.race.proposals.proposals import Proposer
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.journal import Journal
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.race.session.task import Problem
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -34,7 +34,7 @@ from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, Space
-from mercator_design.race.racing.statistics import holm
+from mercator_design.race.elimination.statistics import holm
 
 SIGNIFICANT = 0.05
 

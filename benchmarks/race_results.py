@@ -26,8 +26,8 @@ import mercator_design
 from mercator_design.errors import RaceError
 from mercator_design.jit import kernels_digest
 from mercator_design.race import Configuration, Halving, HalvingOptions, Space
-from mercator_design.race.candidates.moves import Moves
 from mercator_design.race.methods.table import METHODS
+from mercator_design.race.proposals.moves import Moves
 from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.space import Structure
 

@@ -55,8 +55,8 @@ from mercator_design.race.executors.executor import Executor, Failed
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import Stepped, ThreadExecutor
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.runner import RaceRun
 from mercator_design.sim.simulate import Simulator
 
 T = TypeVar("T")

@@ -14,11 +14,11 @@ import numpy as np
 
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
+from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.executors.executor import Executor, available_jobs, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.runner import RaceRun
 from mercator_design.sim.simulate import Simulator
 
 TESTS = 100

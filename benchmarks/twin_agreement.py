@@ -42,8 +42,8 @@ from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.files import fsm_file_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
+from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.executors.executor import available_jobs
-from mercator_design.race.racing.statistics import holm
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import read
 from mercator_design.sim.devices import Recording

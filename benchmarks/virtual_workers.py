@@ -10,8 +10,8 @@ from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.race import Configuration, Experiment, parse_space
 from mercator_design.race.executors.executor import Failed
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.task import Problem
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.task import Problem
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from docs.made_part import MadePart, table
 from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission
+from mercator_design.show.pictures.preview import save_preview
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.pictures.preview import save_preview
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures" / "missions"

@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 
 _PLACES = {
     "DesignRun": "api:DesignRun",
-    "Evaluation": "api:Evaluation",
+    "Evaluation": "results.analysis.evaluation:Evaluation",
     "MercatorError": "errors:MercatorError",
     "Mission": "missions.mission:Mission",
     "Pfsm": "fsm.pfsm:Pfsm",

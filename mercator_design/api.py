@@ -15,21 +15,22 @@ from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
-from mercator_design.race.racing.summary import Scores
-from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.events import Event
-from mercator_design.race.running.outcome import OnFailure
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.race.session.events import Event
+from mercator_design.race.session.outcome import OnFailure
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
 if TYPE_CHECKING:
-    from mercator_design.runs.folder import RunFolder
-    from mercator_design.view.page import ReplayPage
+    from mercator_design.results.folder import RunFolder
+    from mercator_design.show.page import ReplayPage
 
 _log = logging.getLogger(__name__)
 
@@ -44,8 +45,8 @@ class SimulatedTrace(Trace):
 
     def replay(self) -> "ReplayPage":
         """The experiment as a page that plays it: shown by a notebook, and written by its `save`."""
-        from mercator_design.view.experiment import ShownExperiment
-        from mercator_design.view.page import ReplayPage
+        from mercator_design.show.experiment import ShownExperiment
+        from mercator_design.show.page import ReplayPage
 
         return ReplayPage([ShownExperiment.simulated(self.simulator, self.pfsm, self.seed)])
 
@@ -72,14 +73,6 @@ def simulate(
     trace = simulator.run(pfsm, seed, record=record).trace
     fields = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
     return SimulatedTrace(**fields, simulator=simulator, pfsm=pfsm, seed=seed)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
-    """Scores of a PFSM, and the seeds of the instances."""
-
-    scores: Scores
-    seeds: tuple[int, ...]
 
 
 def fresh_instances(seed: int = 1, runs: int = 100) -> list[int]:
@@ -229,8 +222,8 @@ def design(
     designer = Designer(Simulator(mission, robot_model), budget=budget, seed=seed, flavour=flavour, method=method)
     run_folder = None
     if folder is not None:
-        from mercator_design.runs.folder import RunFolder
-        from mercator_design.runs.provenance import Request
+        from mercator_design.results.folder import RunFolder
+        from mercator_design.results.provenance import Request
 
         request = Request(mission=mission.name, flavour=flavour, method=method, executor="threads", jobs=executor.jobs)
         run_folder = RunFolder.create(Path(folder), designer, request=request, testing=testing)

@@ -34,8 +34,8 @@ from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.race import Configuration, Experiment, Space, parse_space
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
-from mercator_design.race.running.events import ExperimentDone, Measurement, TestDone
-from mercator_design.race.running.task import RaceResult, Start, Task
+from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
+from mercator_design.race.session.task import RaceResult, Start, Task
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
 from mercator_design.sim.labels import robot_labels

@@ -15,8 +15,8 @@ from mercator_design.cli.evaluate import fresh_instances
 from mercator_design.config import shipped
 from mercator_design.errors import RaceError, SimulationError
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.runner import RaceRun
-from mercator_design.runs.files import read_journal
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.results.files import read_journal
 
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20"
 

@@ -23,9 +23,9 @@ from mercator_design.cli import record as cli_record
 from mercator_design.config import shipped
 from mercator_design.fsm import parse, read_fsm
 from mercator_design.missions.mission import load_mission, parse_mission
-from mercator_design.race.running.journal import read
-from mercator_design.report.missions import missions_table
-from mercator_design.runs import folder as run_folder
+from mercator_design.race.session.journal import read
+from mercator_design.results import folder as run_folder
+from mercator_design.show.text.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 

@@ -17,21 +17,21 @@ from pathlib import Path
 import pytest
 
 import mercator_design
-from mercator_design.analysis import analysis
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running import journal
-from mercator_design.race.running.journal import Journal
-from mercator_design.race.running.runner import RaceRun
-from mercator_design.report.runs import run_summary, runs_json, runs_table
-from mercator_design.runs import folder as run_folder
-from mercator_design.runs import tables
-from mercator_design.runs.files import JOURNAL, read_journal, read_provenance, restored
-from mercator_design.runs.folder import RunFolder
-from mercator_design.runs.provenance import Request
-from mercator_design.runs.verification import verify
+from mercator_design.race.session import journal
+from mercator_design.race.session.journal import Journal
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.results import folder as run_folder
+from mercator_design.results import tables
+from mercator_design.results.analysis import analysis
+from mercator_design.results.files import JOURNAL, read_journal, read_provenance, restored
+from mercator_design.results.folder import RunFolder
+from mercator_design.results.provenance import Request
+from mercator_design.results.verification import verify
+from mercator_design.show.text.runs import run_summary, runs_json, runs_table
 from mercator_design.sim.simulate import Simulator
 from tests.processes import LIMIT, started
 from tests.race.damage import WRONG, damaged

@@ -9,7 +9,7 @@ from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
 from mercator_design.race import Experiment
-from mercator_design.race.racing.summary import Scores
+from mercator_design.race.elimination.summary import Scores
 from mercator_design.seeds import MAX_SEED, instance_seed
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator

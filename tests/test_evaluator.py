@@ -8,9 +8,9 @@ import optuna
 import pandas as pd
 import pytest
 
-from mercator_design.race.running.journal import read
-from mercator_design.runs.files import JOURNAL
-from mercator_design.runs.tables import experiments_table
+from mercator_design.race.session.journal import read
+from mercator_design.results.files import JOURNAL
+from mercator_design.results.tables import experiments_table
 from tests.test_tune import written
 
 RUNNER = """\

@@ -10,22 +10,22 @@ from rdata.conversion import DEFAULT_CLASS_MAP, dataframe_constructor
 
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.exports.irace_log import irace_results, write_irace_log
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors.executor import Rejected
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.tuner import Tuner
-from mercator_design.race.running import evaluation, events
-from mercator_design.race.running.events import (
+from mercator_design.race.session import evaluation, events
+from mercator_design.race.session.events import (
     ConfigurationAdded,
     ExperimentDone,
     IterationEnded,
     Measurement,
     RaceEnded,
 )
-from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.show.files.irace_log import irace_results, write_irace_log
 from mercator_design.sim.simulate import Simulator
 from tests.test_tune import SPACE, written
 

@@ -18,13 +18,13 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from mercator_design.exports.robot_log_table import write_csv
-from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.fsm import Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import NoteTaken, RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import Log, controller_of, to_lines
+from mercator_design.show.files.robot_log_table import write_csv
+from mercator_design.show.files.robot_logs import write_mcap
 from tests.robot.log_events import read
 from tests.twin.recorded import ROBOTS, unpack
 

@@ -12,9 +12,9 @@ from mercator_design.errors import lack_of_memory
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.irace.target_runner import RunnerCall, Target, TargetFailed
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.outcome import ExperimentFailed
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.outcome import ExperimentFailed
+from mercator_design.race.session.record import Record
 from mercator_design.system import address_space, kernel_cache
 from tests.race.racing import measure, runner, undisturbed
 

@@ -12,11 +12,11 @@ import pytest
 
 from mercator_design.calibration.scenes import read_recording
 from mercator_design.errors import RobotError
-from mercator_design.exports.robot_log_table import write_csv
-from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.robot.cli.replay import _show
 from mercator_design.robot.logs import log
 from mercator_design.robot.logs.log import replay
+from mercator_design.show.files.robot_log_table import write_csv
+from mercator_design.show.files.robot_logs import write_mcap
 from tests.calibration.recordings import CENTRES, measured, write
 from tests.robot.log_events import read
 from tests.twin.recorded import unpack

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.race.running.journal import read
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.session.journal import read
+from mercator_design.results.files import JOURNAL
 from tests.race.lines import events_in, journal_of
 
 RECORDED = Path(__file__).parent / "data" / "old_runs.zip"

@@ -10,9 +10,9 @@ from PIL import Image
 from docs import gallery
 from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
+from mercator_design.show.pictures.preview import preview, save_preview
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.pictures.preview import preview, save_preview
 
 LABYRINTH = """
 schema: 1

@@ -2,8 +2,8 @@
 
 import pytest
 
-from mercator_design.analysis.pruning import elements, max_modules, module_counts, removed, without
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
+from mercator_design.results.analysis.pruning import elements, max_modules, module_counts, removed, without
 
 
 def fixed(target):

@@ -18,8 +18,6 @@ import optuna
 import pandas as pd
 import pytest
 
-from mercator_design.analysis.analysis import Ablation
-from mercator_design.analysis.pruning import without
 from mercator_design.cli.races.common import _Messages, new_folder
 from mercator_design.command import print_message
 from mercator_design.designer import Designer
@@ -31,9 +29,9 @@ from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions import plugins
 from mercator_design.race.analysis.ablation import Step
-from mercator_design.race.racing.summary import Elite, Progress
-from mercator_design.race.running import events
-from mercator_design.race.running.events import (
+from mercator_design.race.elimination.summary import Elite, Progress
+from mercator_design.race.session import events
+from mercator_design.race.session.events import (
     ConfigurationAdded,
     ExperimentDone,
     IterationEnded,
@@ -41,15 +39,17 @@ from mercator_design.race.running.events import (
     ScoreRevised,
     SessionStopped,
 )
-from mercator_design.race.running.journal import Journal, read
-from mercator_design.race.running.record import Record
-from mercator_design.report.analysis import ablation_csv, ablation_page
-from mercator_design.report.columns import difference, with_notes_wrapped
-from mercator_design.report.iterations import iterations_table
-from mercator_design.report.progress import RaceDisplay
-from mercator_design.runs import tables
-from mercator_design.runs.files import JOURNAL
-from mercator_design.runs.tables import configurations_table, experiments_table
+from mercator_design.race.session.journal import Journal, read
+from mercator_design.race.session.record import Record
+from mercator_design.results import tables
+from mercator_design.results.analysis.analysis import Ablation
+from mercator_design.results.analysis.pruning import without
+from mercator_design.results.files import JOURNAL
+from mercator_design.results.tables import configurations_table, experiments_table
+from mercator_design.show.text.analysis import ablation_csv, ablation_page
+from mercator_design.show.text.columns import difference, with_notes_wrapped
+from mercator_design.show.text.iterations import iterations_table
+from mercator_design.show.text.progress import RaceDisplay
 from tests.processes import LIMIT, started, wait_until
 from tests.race.lines import events_in, journal_of
 

@@ -1,9 +1,9 @@
 """Tables of a race, of a program whose parameters have the names of their columns."""
 
-from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone
-from mercator_design.race.running.journal import Journal
-from mercator_design.runs.files import JOURNAL
-from mercator_design.runs.tables import configurations_table
+from mercator_design.race.session.events import ConfigurationAdded, ExperimentDone
+from mercator_design.race.session.journal import Journal
+from mercator_design.results.files import JOURNAL
+from mercator_design.results.tables import configurations_table
 
 
 def test_a_parameter_may_have_the_name_of_a_column(tmp_path):

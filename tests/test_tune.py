@@ -13,9 +13,9 @@ import sys
 import pandas as pd
 import pytest
 
-from mercator_design.race.running.journal import read
-from mercator_design.runs.files import JOURNAL
-from mercator_design.runs.tables import experiments_table
+from mercator_design.race.session.journal import read
+from mercator_design.results.files import JOURNAL
+from mercator_design.results.tables import experiments_table
 from tests.processes import LIMIT, signal_when, started, wait_until
 from tests.race.test_target import gone
 

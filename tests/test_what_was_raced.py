@@ -11,8 +11,8 @@ from mercator_design.config import shipped
 from mercator_design.errors import MissionError
 from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.running.journal import read
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.session.journal import read
+from mercator_design.results.files import JOURNAL
 
 pytestmark = pytest.mark.together
 

@@ -19,10 +19,10 @@ from scipy.special import ndtr
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
 from benchmarks.vectors.irace_tests import order_is_same
 from mercator_design.race import Configuration, Parameter, RaceOptions, Space, categorical, integer, ordered, real
-from mercator_design.race.candidates.model import SamplingModel, elite_weights
-from mercator_design.race.candidates.sampling import similar, truncated_normal
-from mercator_design.race.racing.budget import iteration_budget, minimum_budget, n_configurations, n_iterations
-from mercator_design.race.racing.statistics import concordance, overall_ranks
+from mercator_design.race.elimination.budget import iteration_budget, minimum_budget, n_configurations, n_iterations
+from mercator_design.race.elimination.statistics import concordance, overall_ranks
+from mercator_design.race.proposals.model import SamplingModel, elite_weights
+from mercator_design.race.proposals.sampling import similar, truncated_normal
 from mercator_design.race.space.parameter import DEFAULT_DIGITS
 
 Floats = NDArray[np.float64]

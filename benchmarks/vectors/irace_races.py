@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.vectors.checks import Check, attempt, difference, each, table
 from mercator_design.race import EliminationRace, RaceRules
-from mercator_design.race.candidates.model import elite_weights
-from mercator_design.race.racing.statistics import TestName
+from mercator_design.race.elimination.statistics import TestName
+from mercator_design.race.proposals.model import elite_weights
 
 TESTS: dict[str, TestName] = {
     "F-test": "friedman",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.vectors.checks import Check, difference, each, table
-from mercator_design.race.racing.statistics import TestName, Verdict, column_means, eliminate, ranking
+from mercator_design.race.elimination.statistics import TestName, Verdict, column_means, eliminate, ranking
 
 DIGITS = 1e-9
 """Relative difference of p-values that agree: R and scipy have their own approximations of the distributions."""

@@ -7,7 +7,6 @@ from typing import Unpack
 
 import click
 
-from mercator_design.analysis.swarm import evaluate_with_stats
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission
@@ -18,7 +17,8 @@ from mercator_design.config.writing import digest_of
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.evaluations import (
+from mercator_design.results.analysis.swarm import evaluate_with_stats
+from mercator_design.show.text.evaluations import (
     Comparison,
     Evaluated,
     comparison_csv,
@@ -27,7 +27,7 @@ from mercator_design.report.evaluations import (
     evaluation_data,
     evaluation_summary,
 )
-from mercator_design.report.progress import Display, Mode
+from mercator_design.show.text.progress import Display, Mode
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
 

@@ -14,13 +14,13 @@ from mercator_design.cli.inputs import check_apart, warn_of_mission
 from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
-from mercator_design.exports.irace_log import write_irace_log
-from mercator_design.exports.irace_scenario import write_irace_scenario
-from mercator_design.exports.robot_log_table import write_csv
-from mercator_design.exports.robot_logs import write_mcap
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors.executor import available_jobs
-from mercator_design.runs.files import read_journal, task_of
+from mercator_design.results.files import read_journal, task_of
+from mercator_design.show.files.irace_log import write_irace_log
+from mercator_design.show.files.irace_scenario import write_irace_scenario
+from mercator_design.show.files.robot_log_table import write_csv
+from mercator_design.show.files.robot_logs import write_mcap
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import replacing, writing
 

@@ -16,7 +16,7 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import run_plugin
-from mercator_design.runs.files import read_provenance
+from mercator_design.results.files import read_provenance
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator

@@ -14,7 +14,7 @@ from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.mission_sampler import CLASSES, MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.missions import missions_json, missions_table
+from mercator_design.show.text.missions import missions_json, missions_table
 from mercator_design.system.files import write_text, writing
 
 
@@ -67,7 +67,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
 
     Prints the name of the picture.
     """
-    from mercator_design.view.pictures.preview import save_preview  # matplotlib, for this verb only
+    from mercator_design.show.pictures.preview import save_preview  # matplotlib, for this verb only
 
     loaded = load_mission(mission, overrides)
     path = output or Path(f"{loaded.name}.png")

@@ -11,7 +11,7 @@ from mercator_design.cli.inputs import load_plugins
 from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile
 from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.report.progress import MODES
+from mercator_design.show.text.progress import MODES
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 

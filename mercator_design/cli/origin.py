@@ -12,7 +12,7 @@ from mercator_design.config.writing import digest_of
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
 from mercator_design.missions.plugins import loaded_plugins
-from mercator_design.runs import provenance
+from mercator_design.results import provenance
 from mercator_design.sim.robot_model import RobotModel
 
 

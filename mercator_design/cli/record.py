@@ -9,7 +9,7 @@ from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, war
 from mercator_design.cli.options import CONTROLLER, FSM, MISSION, FileOf, seed_of
 from mercator_design.command import print_message, print_result, read_controller
 from mercator_design.errors import printable
-from mercator_design.report.recording import FORMATS, check_size, write_recording
+from mercator_design.show.text.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
 from mercator_design.system.files import replacing, writing
 

@@ -36,13 +36,13 @@ The rooms, from the bottom up:
 (True, 'fast', True)
 """
 
+from mercator_design.race.elimination.options import RaceOptions
+from mercator_design.race.elimination.race import EliminationRace, Experiment, RaceRules
+from mercator_design.race.elimination.summary import Elite, IterationSummary, Progress
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.halving import Halving, HalvingOptions
 from mercator_design.race.methods.iterated import IteratedRace
-from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.racing.race import EliminationRace, Experiment, RaceRules
-from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
-from mercator_design.race.running.events import (
+from mercator_design.race.session.events import (
     BudgetExtended,
     ConfigurationAdded,
     Event,
@@ -55,7 +55,7 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     TestDone,
 )
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.runner import RaceRun
 from mercator_design.race.space.parameter import Configuration, Parameter, Value, categorical, integer, ordered, real
 from mercator_design.race.space.space import Space
 

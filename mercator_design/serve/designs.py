@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import Annotated, Any, Literal
 
 from mercator_design.config.schema import Length, Name, Range
-from mercator_design.race.running.journal import now
+from mercator_design.race.session.journal import now
 from mercator_design.serve.jobs.operations import LimitReached
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.records import Records, new_id

@@ -4,7 +4,7 @@ from hypothesis import given
 from mercator_design.errors import FsmError
 from mercator_design.fsm import Pfsm, State, Transition, parse
 from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
-from mercator_design.view.machines.notations import to_dot
+from mercator_design.show.machines.notations import to_dot
 from tests.fsm.strategies import pfsms
 
 STOP = State("stop")

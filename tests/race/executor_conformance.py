@@ -6,7 +6,7 @@ import pytest
 
 from mercator_design.errors import MissionError, RaceError
 from mercator_design.race.executors.executor import ExecutorStopped, Failed, WorkerUnfit, in_order
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.record import Record
 from tests.race.racing import runner, undisturbed
 from tests.race.work import FailsInSteps, Refused, fails, leaves, slow, square
 

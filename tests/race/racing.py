@@ -13,12 +13,12 @@ from pathlib import Path
 
 from mercator_design.race import IteratedRace, parse_space
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.journal import Journal, read
-from mercator_design.race.running.record import Record
-from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.task import Problem
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.journal import Journal, read
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.race.session.task import Problem
 
 SPACE = parse_space('x "--x " r (-5, 5)\ny "--y " r (-5, 5)\nrule "--rule " c (slow, fast, other)')
 BUDGET = 300

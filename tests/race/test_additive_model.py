@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mercator_design.race.racing.additive_model import effects, expected, table
+from mercator_design.race.elimination.additive_model import effects, expected, table
 
 INSTANCES = np.array([0.0, 10.0, -20.0, 5.0, 1.0, 4.0])
 TRUE = np.array([3.0, 1.0, 2.0, 8.0])

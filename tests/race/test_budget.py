@@ -1,11 +1,11 @@
 import pytest
 
 from mercator_design.errors import RaceError
+from mercator_design.race.elimination.budget import n_iterations
+from mercator_design.race.elimination.options import RaceOptions
+from mercator_design.race.elimination.planning import Planner
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.methods.iterated import IteratedRace
-from mercator_design.race.racing.budget import n_iterations
-from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.racing.planning import Planner
 
 NUMBERS = parse_space("".join(f'x{k} "" r (-5, 5)\n' for k in range(4)))
 IRACE = RaceOptions()

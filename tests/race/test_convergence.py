@@ -6,8 +6,8 @@ import pytest
 
 from mercator_design.race import categorical, integer, real
 from mercator_design.race.analysis.convergence import first_iterations, spreads
-from mercator_design.race.running.events import ConfigurationAdded, ExperimentDone, IterationEnded
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.events import ConfigurationAdded, ExperimentDone, IterationEnded
+from mercator_design.race.session.record import Record
 from mercator_design.race.space.space import Space
 from mercator_design.seeds import generator
 

@@ -16,8 +16,8 @@ from mercator_design.errors import RaceError
 from mercator_design.race.executors import dask
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import Failed, in_order
-from mercator_design.race.running.events import ExperimentDone
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.events import ExperimentDone
+from mercator_design.race.session.record import Record
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import WorkersConformance
 from tests.race.racing import runner, undisturbed

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.errors import RaceError
+from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running import evaluation, events  # whose classes pytest would take for tests
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.journal import Journal, read
-from mercator_design.race.running.outcome import ExperimentFailed
-from mercator_design.race.running.record import Record
+from mercator_design.race.session import evaluation, events  # whose classes pytest would take for tests
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.journal import Journal, read
+from mercator_design.race.session.outcome import ExperimentFailed
+from mercator_design.race.session.record import Record
 from tests.race import racing
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import TESTING, measure, resumed, runner, undisturbed

@@ -20,9 +20,9 @@ from mercator_design.race import (
     integer,
     real,
 )
-from mercator_design.race.candidates.model import SamplingModel
+from mercator_design.race.elimination.budget import minimum_budget, n_iterations
 from mercator_design.race.methods import iterated
-from mercator_design.race.racing.budget import minimum_budget, n_iterations
+from mercator_design.race.proposals.model import SamplingModel
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines

@@ -19,8 +19,8 @@ from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running import evaluation, journal
-from mercator_design.race.running.events import (
+from mercator_design.race.session import evaluation, journal
+from mercator_design.race.session.events import (
     BudgetExtended,
     ConfigurationAdded,
     ExperimentDone,
@@ -30,9 +30,9 @@ from mercator_design.race.running.events import (
     SpeculativeDone,
     event_of,
 )
-from mercator_design.race.running.journal import Journal, is_locked, read
-from mercator_design.race.running.outcome import ExperimentFailed
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.journal import Journal, is_locked, read
+from mercator_design.race.session.outcome import ExperimentFailed
+from mercator_design.race.session.record import Record
 from tests.processes import started
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
@@ -378,7 +378,7 @@ class TestLock:
         path = tmp_path / "journal.jsonl"
         path.write_bytes(complete)
         script = (
-            "import sys, time; from pathlib import Path; from mercator_design.race.running.journal import Journal;"
+            "import sys, time; from pathlib import Path; from mercator_design.race.session.journal import Journal;"
             "j = Journal(Path(sys.argv[1]), new=False); print('has it', flush=True); time.sleep(600)"
         )
         with started(sys.executable, "-c", script, path, stdout=subprocess.PIPE) as process:

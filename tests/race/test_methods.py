@@ -15,8 +15,8 @@ from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.journal import Journal
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.journal import Journal
+from mercator_design.race.session.record import Record
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.racing import SPACE, measure, runner

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, parse_space, real
-from mercator_design.race.candidates.moves import Moves
+from mercator_design.race.proposals.moves import Moves
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED
 from tests.race.spaces import machines

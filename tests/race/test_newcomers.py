@@ -7,8 +7,8 @@ import pytest
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, Space, categorical, integer
-from mercator_design.race.candidates.newcomers import Newcomers
-from mercator_design.race.racing.history import RaceHistory
+from mercator_design.race.elimination.history import RaceHistory
+from mercator_design.race.proposals.newcomers import Newcomers
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost
 from tests.race.spaces import uniform

@@ -12,9 +12,9 @@ from mercator_design.race import IteratedRace
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running import optuna_mirror
-from mercator_design.race.running.optuna_mirror import OptunaMirror
-from mercator_design.race.running.record import Record
+from mercator_design.race.session import optuna_mirror
+from mercator_design.race.session.optuna_mirror import OptunaMirror
+from mercator_design.race.session.record import Record
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, runner, undisturbed
 

@@ -2,7 +2,7 @@ from itertools import combinations
 
 import pytest
 
-from mercator_design.race.racing.postselection import select_candidates
+from mercator_design.race.elimination.postselection import select_candidates
 
 
 def test_complete_candidates_share_the_budget_on_new_instances():

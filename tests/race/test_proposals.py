@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Halving, IteratedRace, Space, categorical, integer, real
-from mercator_design.race.candidates.proposals import MAX_LEARNT_FROM, Proposer
-from mercator_design.race.racing.additive_model import effects
-from mercator_design.race.racing.history import RaceHistory
+from mercator_design.race.elimination.additive_model import effects
+from mercator_design.race.elimination.history import RaceHistory
+from mercator_design.race.proposals.proposals import MAX_LEARNT_FROM, Proposer
 from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run

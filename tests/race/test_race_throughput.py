@@ -6,8 +6,8 @@ from benchmarks import race_throughput
 from benchmarks.race_throughput import TimedExecutor, free_share, measure, simulate_workers
 from benchmarks.virtual_workers import Drawn, VirtualExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.runner import RaceRun
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.runner import RaceRun
 from mercator_design.sim import simulate
 
 

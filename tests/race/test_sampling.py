@@ -6,8 +6,8 @@ from scipy.stats import truncnorm
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Space, categorical, integer, ordered, real
-from mercator_design.race.candidates.model import SamplingModel
-from mercator_design.race.candidates.sampling import (
+from mercator_design.race.proposals.model import SamplingModel
+from mercator_design.race.proposals.sampling import (
     even_sample,
     latin_hypercube,
     similar,

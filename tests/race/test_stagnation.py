@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import ttest_ind
 
 from mercator_design.race import Halving, IteratedRace, parse_space
+from mercator_design.race.elimination.stagnation import MIN_ITERATIONS, agreement, is_better, judged
+from mercator_design.race.elimination.summary import Elite, IterationSummary
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.racing.stagnation import MIN_ITERATIONS, agreement, is_better, judged
-from mercator_design.race.racing.summary import Elite, IterationSummary
-from mercator_design.race.running.events import IterationEnded
-from mercator_design.race.running.journal import read
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.events import IterationEnded
+from mercator_design.race.session.journal import read
+from mercator_design.race.session.record import Record
 from tests.race.racing import resumed, runner
 
 SPACE = parse_space('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')

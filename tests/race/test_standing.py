@@ -4,9 +4,9 @@ import pytest
 
 from mercator_design.race import IteratedRace
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.events import ExperimentDone, IterationEnded, ScoreRevised
-from mercator_design.race.running.record import Record
-from mercator_design.race.running.standing import Standing
+from mercator_design.race.session.events import ExperimentDone, IterationEnded, ScoreRevised
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.standing import Standing
 from tests.race.racing import BUDGET, SPACE, runner
 
 

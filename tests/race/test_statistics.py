@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from mercator_design.race.racing.statistics import concordance, eliminate, holm, signed_rank_p_value
+from mercator_design.race.elimination.statistics import concordance, eliminate, holm, signed_rank_p_value
 
 
 def test_one_row_has_no_concordance_and_equal_costs_have_all():

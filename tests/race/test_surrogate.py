@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mercator_design.race import Space, categorical, integer, real
-from mercator_design.race.candidates.surrogate import Features, Surrogate
+from mercator_design.race.proposals.surrogate import Features, Surrogate
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED, mixed_cost
 from tests.race.spaces import machines, uniform

@@ -13,8 +13,8 @@ from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.halving import Halving, HalvingOptions
 from mercator_design.race.methods.optimizer import Upcoming
-from mercator_design.race.running.journal import Journal, read
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.journal import Journal, read
+from mercator_design.race.session.record import Record
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, places, runner, undisturbed
 

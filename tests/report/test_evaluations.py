@@ -7,15 +7,16 @@ import json
 import numpy as np
 import pytest
 
-from mercator_design.analysis.swarm import evaluate_with_stats
-from mercator_design.api import Evaluation, evaluate, simulate
+from mercator_design.api import evaluate, simulate
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
 from mercator_design.fsm.files import read_fsm, read_fsms
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.analysis.pairs import compared
-from mercator_design.race.racing.summary import Scores
-from mercator_design.report.evaluations import Comparison, Evaluated, comparison_text
+from mercator_design.race.elimination.summary import Scores
+from mercator_design.results.analysis.evaluation import Evaluation
+from mercator_design.results.analysis.swarm import evaluate_with_stats
+from mercator_design.show.text.evaluations import Comparison, Evaluated, comparison_text
 from mercator_design.sim.simulate import Simulator
 
 STOP, WALK, W1 = (

@@ -11,9 +11,9 @@ import pytest
 
 from mercator_design.cli.races.reporting import latest_report
 from mercator_design.errors import RaceError
-from mercator_design.race.running.journal import Journal
-from mercator_design.report.page import follow, page
-from mercator_design.report.page.follow import HOST, FollowServer
+from mercator_design.race.session.journal import Journal
+from mercator_design.show.report import follow, page
+from mercator_design.show.report.follow import HOST, FollowServer
 from tests.processes import LIMIT
 
 pytestmark = pytest.mark.together

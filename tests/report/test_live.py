@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.race.racing.summary import Elite, Progress
-from mercator_design.race.running import evaluation, events
-from mercator_design.race.running.events import ExperimentDone, IterationEnded
-from mercator_design.race.running.journal import read
-from mercator_design.report.progress import Display, RaceDisplay
-from mercator_design.report.watching import follow
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.elimination.summary import Elite, Progress
+from mercator_design.race.session import evaluation, events
+from mercator_design.race.session.events import ExperimentDone, IterationEnded
+from mercator_design.race.session.journal import read
+from mercator_design.results.files import JOURNAL
+from mercator_design.show.text.progress import Display, RaceDisplay
+from mercator_design.show.text.watching import follow
 from tests.race.lines import events_in
 from tests.test_architecture import ROOT
 

@@ -15,22 +15,22 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from mercator_design.analysis import proof as proofs
-from mercator_design.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
 from mercator_design.cli.races import reporting
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.text import parse, to_text
+from mercator_design.race.elimination.statistics import holm
+from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.racing.statistics import holm
-from mercator_design.race.racing.summary import Scores
-from mercator_design.report.iterations import incumbents
-from mercator_design.report.page import importance as importances
-from mercator_design.report.page import page as pages
-from mercator_design.report.page import request as requests
-from mercator_design.report.page.choice import verdict
-from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.page import REPORT, report_page
+from mercator_design.results.analysis import proof as proofs
+from mercator_design.results.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
+from mercator_design.show.report import importance as importances
+from mercator_design.show.report import page as pages
+from mercator_design.show.report import request as requests
+from mercator_design.show.report.choice import verdict
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.page import REPORT, report_page
+from mercator_design.show.text.iterations import incumbents
 from tests.race.damage import damaged
 
 pytestmark = pytest.mark.together

@@ -2,7 +2,7 @@
 
 import shutil
 
-from mercator_design.race.running.journal import Journal
+from mercator_design.race.session.journal import Journal
 from mercator_design.serve.jobs.index import Index
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.operations import Operations

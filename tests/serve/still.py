@@ -6,7 +6,7 @@ import shutil
 import pytest
 from starlette.testclient import TestClient
 
-from mercator_design.race.running.journal import now
+from mercator_design.race.session.journal import now
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.app import application
 from mercator_design.serve.jobs.job import RaceRequest

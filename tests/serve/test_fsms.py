@@ -16,9 +16,9 @@ from mercator_design.serve.desk.desk import Busy
 from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.settings import UserLimits
+from mercator_design.show.experiment import ShownExperiment
+from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.replay import replay_of
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission, submitted
 
 pytestmark = pytest.mark.together

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mercator_design.race.running.journal import Reading
+from mercator_design.race.session.journal import Reading
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.races import check_place
 from mercator_design.serve.jobs.running import Running

@@ -16,8 +16,8 @@ from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.missions.mission import load_mission
-from mercator_design.report.summary import describe
 from mercator_design.robot.devices.settings import Settings, nearest
+from mercator_design.show.text.summary import describe
 from mercator_design.sim.checks.no_effect import dead_transitions
 from mercator_design.sim.labels import robot_labels, simulated_labels
 from mercator_design.sim.robot_model import load_robot_model

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import mercator_design as md
+from mercator_design.show.experiment import ShownExperiment
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.experiment import ShownExperiment
 
 DATA = Path(__file__).parents[1] / "data"
 FSM = "--nstates 2 --s0 0 --rwm0 5 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.9 --s1 1 --n1 1 --n1x0 0 --c1x0 5 --p1x0 0.2"

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from mercator_design.view.charts import (
+from mercator_design.show.charts import (
     Axis,
     Bars,
     ChartLine,

@@ -14,11 +14,11 @@ from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
+from mercator_design.results.analysis.occupancy import Occupancy, occupancy
 from mercator_design.seeds import generator
-from mercator_design.view.machines.diagram import _arrows, _box_lines, diagram_svg
-from mercator_design.view.machines.layout import laid_out
-from mercator_design.view.machines.notations import to_mermaid, to_tikz
-from mercator_design.view.machines.occupancy import Occupancy, occupancy
+from mercator_design.show.machines.diagram import _arrows, _box_lines, diagram_svg
+from mercator_design.show.machines.layout import laid_out
+from mercator_design.show.machines.notations import to_mermaid, to_tikz
 from tests.fsm.test_files import random_file
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())

@@ -11,10 +11,10 @@ from PIL import Image
 
 import mercator_design as md
 from mercator_design.errors import MercatorError
-from mercator_design.view.pictures.figures import house_style
-from mercator_design.view.pictures.film import Film, Stage, save_still
-from mercator_design.view.pictures.plots import KINDS, plots, save_plots
-from mercator_design.view.pictures.scenery import limits
+from mercator_design.show.pictures.figures import house_style
+from mercator_design.show.pictures.film import Film, Stage, save_still
+from mercator_design.show.pictures.plots import KINDS, plots, save_plots
+from mercator_design.show.pictures.scenery import limits
 
 CAPTION = "mdesign replay fsm.txt --video film.mp4"
 BLUE = (0, 114, 178)

@@ -11,10 +11,10 @@ import pytest
 
 import mercator_design as md
 from mercator_design.missions.floor_kernels import colours_at
+from mercator_design.show.experiment import ShownExperiment
+from mercator_design.show.page import ReplayPage
+from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.page import ReplayPage
-from mercator_design.view.replay import replay_of
 
 MAX_PAGE = 250_000  # bytes
 

@@ -8,9 +8,9 @@ from PIL import Image
 
 import mercator_design as md
 from mercator_design.missions.floor_kernels import colours_at
+from mercator_design.show.experiment import ShownExperiment
+from mercator_design.show.page import ReplayPage
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.page import ReplayPage
 from tests.processes import wait_until
 from tests.view.browser import CHROMIUM
 

@@ -7,8 +7,8 @@ from mercator_design.cli.inputs import simulator_of, warn_of_mission
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import print_message
 from mercator_design.fsm.files import FsmFile
-from mercator_design.report.progress import Display
-from mercator_design.view.machines.occupancy import Occupancy, occupancy
+from mercator_design.results.analysis.occupancy import Occupancy, occupancy
+from mercator_design.show.text.progress import Display
 
 
 def measured(fsm: Path, file: FsmFile, mission: str, runs: int, seed: int) -> tuple[Occupancy, str]:

@@ -18,9 +18,9 @@ from mercator_design.command import (
 )
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.words.modules import robots_words
+from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.machines.notations import to_dot, to_mermaid, to_tikz
 from mercator_design.system.files import write_text, writing
-from mercator_design.view.machines.diagram import diagram_svg
-from mercator_design.view.machines.notations import to_dot, to_mermaid, to_tikz
 
 _RUNS, _SEED = 10, 1
 _FORMATS: Mapping[str, Callable[[FsmFile], str]] = {

@@ -6,8 +6,6 @@ from typing import Unpack
 
 import click
 
-from mercator_design.analysis.simplification import SHARE
-from mercator_design.analysis.simplification import simplify as simplified
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission
 from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
@@ -25,9 +23,11 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.executors.executor import in_order
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.report.progress import Display
-from mercator_design.report.simplification import evidence, simplification_page
+from mercator_design.results.analysis.simplification import SHARE
+from mercator_design.results.analysis.simplification import simplify as simplified
 from mercator_design.seeds import instance_seed
+from mercator_design.show.text.progress import Display
+from mercator_design.show.text.simplification import evidence, simplification_page
 from mercator_design.sim.checks.no_effect import dead_transitions
 from mercator_design.system.files import write_text, writing
 

@@ -19,8 +19,8 @@ from mercator_design.command import print_message, print_note, print_result, war
 from mercator_design.errors import described
 from mercator_design.race.executors.executor import Executor, ExecutorStopped, available_jobs
 from mercator_design.race.methods.table import METHODS
-from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.events import (
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.race.session.events import (
     Event,
     ExperimentDone,
     IterationEnded,
@@ -28,17 +28,17 @@ from mercator_design.race.running.events import (
     TestDone,
     to_json,
 )
-from mercator_design.race.running.optuna_mirror import OptunaMirror
-from mercator_design.race.running.outcome import ExperimentFailed, OnFailure
-from mercator_design.race.running.runner import RaceRun
-from mercator_design.race.running.task import Task
-from mercator_design.report.columns import with_notes_wrapped
-from mercator_design.report.page.page import REPORT
-from mercator_design.report.progress import Mode, RaceDisplay
-from mercator_design.report.summary import race_summary
-from mercator_design.runs.files import read_provenance, resume_command
-from mercator_design.runs.folder import RunFolder
-from mercator_design.runs.provenance import Request
+from mercator_design.race.session.optuna_mirror import OptunaMirror
+from mercator_design.race.session.outcome import ExperimentFailed, OnFailure
+from mercator_design.race.session.runner import RaceRun
+from mercator_design.race.session.task import Task
+from mercator_design.results.files import read_provenance, resume_command
+from mercator_design.results.folder import RunFolder
+from mercator_design.results.provenance import Request
+from mercator_design.show.report.page import REPORT
+from mercator_design.show.text.columns import with_notes_wrapped
+from mercator_design.show.text.progress import Mode, RaceDisplay
+from mercator_design.show.text.summary import race_summary
 
 _MAX_WARNINGS = 10
 """Number of failures that are reported one by one."""

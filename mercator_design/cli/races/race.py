@@ -32,8 +32,8 @@ from mercator_design.race.executors.executor import Executor
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
-from mercator_design.race.running.evaluation import Testing
-from mercator_design.runs.provenance import Request
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")

@@ -8,7 +8,7 @@ from mercator_design.cli.options import FOLDER, JOBS, PLUGIN
 from mercator_design.cli.races.reporting import PROOF_RUNS, latest_report, write_report
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import OUTPUT_FILE, print_message, print_result
-from mercator_design.report.page.page import REPORT
+from mercator_design.show.report.page import REPORT
 
 
 @click.command()
@@ -44,7 +44,7 @@ def report(
 
 
 def _follow(directory: Path, port: int) -> None:
-    from mercator_design.report.page.follow import FollowServer
+    from mercator_design.show.report.follow import FollowServer
 
     with FollowServer(directory, lambda: latest_report(directory), port) as server:
         print_result(server.address)

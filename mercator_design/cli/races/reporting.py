@@ -6,15 +6,15 @@ from typing import Any
 
 import click
 
-from mercator_design.analysis.proof import Proof, default_runs, prove, read_proof
 from mercator_design.command import print_note
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.race.running.task import Task
-from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.page import MAX_SIZE, REPORT, report_page
-from mercator_design.report.progress import Display, Mode
-from mercator_design.runs.files import JOURNAL, restored
+from mercator_design.race.session.task import Task
+from mercator_design.results.analysis.proof import Proof, default_runs, prove, read_proof
+from mercator_design.results.files import JOURNAL, restored
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.page import MAX_SIZE, REPORT, report_page
+from mercator_design.show.text.progress import Display, Mode
 from mercator_design.system.files import Unreadable, read_small, write_text, writing
 
 PROOF_RUNS = click.option(

@@ -5,15 +5,18 @@ from pathlib import Path
 
 import click
 
-from mercator_design.analysis import analysis
-from mercator_design.analysis.winners import winners
 from mercator_design.api import fresh_instances
 from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.report.analysis import (
+from mercator_design.results.analysis import analysis
+from mercator_design.results.analysis.winners import winners
+from mercator_design.results.files import restored
+from mercator_design.results.tables import configurations_table, experiments_table, tests_table
+from mercator_design.results.verification import verify as verify_run
+from mercator_design.show.text.analysis import (
     ABLATION,
     ablation_csv,
     ablation_page,
@@ -21,13 +24,10 @@ from mercator_design.report.analysis import (
     importance_page,
     save_ablation,
 )
-from mercator_design.report.columns import with_notes_wrapped
-from mercator_design.report.evaluations import Comparison, comparison_data, comparison_text
-from mercator_design.report.progress import AblationDisplay, Mode
-from mercator_design.report.runs import races_json, run_summary, runs_json, runs_table, save_races, side_by_side
-from mercator_design.runs.files import restored
-from mercator_design.runs.tables import configurations_table, experiments_table, tests_table
-from mercator_design.runs.verification import verify as verify_run
+from mercator_design.show.text.columns import with_notes_wrapped
+from mercator_design.show.text.evaluations import Comparison, comparison_data, comparison_text
+from mercator_design.show.text.progress import AblationDisplay, Mode
+from mercator_design.show.text.runs import races_json, run_summary, runs_json, runs_table, save_races, side_by_side
 from mercator_design.system.files import write_text, writing
 
 _TABLES = {"experiments": experiments_table, "configurations": configurations_table, "tests": tests_table}

@@ -32,11 +32,11 @@ from mercator_design.race.irace.configurations import read_configurations
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.scenario_text import Assignment
 from mercator_design.race.irace.tuner import Tuner
-from mercator_design.race.running.evaluation import Testing
-from mercator_design.race.running.events import Measurement
-from mercator_design.race.running.outcome import OnFailure
-from mercator_design.report.columns import aligned
-from mercator_design.runs.provenance import Request
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.race.session.events import Measurement
+from mercator_design.race.session.outcome import OnFailure
+from mercator_design.results.provenance import Request
+from mercator_design.show.text.columns import aligned
 from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import write_text, writing
 

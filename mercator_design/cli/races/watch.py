@@ -7,10 +7,10 @@ import click
 from mercator_design.cli.options import FOLDER, PROGRESS
 from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import print_message, print_result
-from mercator_design.report.columns import with_notes_wrapped
-from mercator_design.report.progress import Mode
-from mercator_design.report.runs import run_summary
-from mercator_design.report.watching import follow
+from mercator_design.show.text.columns import with_notes_wrapped
+from mercator_design.show.text.progress import Mode
+from mercator_design.show.text.runs import run_summary
+from mercator_design.show.text.watching import follow
 
 
 @click.command()

@@ -11,7 +11,7 @@ from mercator_design.cli.terminal import command_line
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result
 from mercator_design.config.building import is_name
 from mercator_design.errors import MercatorError
-from mercator_design.report.calibration import calibration_json, calibration_page, model_text, save_noise
+from mercator_design.show.text.calibration import calibration_json, calibration_page, model_text, save_noise
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.system.files import write_text, writing
 

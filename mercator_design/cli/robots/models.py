@@ -7,7 +7,7 @@ from mercator_design.command import print_result
 from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
-from mercator_design.report.missions import robot_models_table
+from mercator_design.show.text.missions import robot_models_table
 from mercator_design.sim.robot_model import load_robot_model
 
 

@@ -10,11 +10,11 @@ from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
 from mercator_design.command import NumberRange, print_message, print_result
 from mercator_design.errors import printable
-from mercator_design.report.progress import Display
+from mercator_design.show.experiment import ShownExperiment
+from mercator_design.show.page import ReplayPage
+from mercator_design.show.pictures import figures, film
+from mercator_design.show.text.progress import Display
 from mercator_design.system.files import writing
-from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.page import ReplayPage
-from mercator_design.view.pictures import figures, film
 
 _PAGES = (".html", ".htm")
 

@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from mercator_design.race.analysis.pairs import paired_p_value
-from mercator_design.race.racing.statistics import holm
+from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.space.parameter import Bounds, Configuration, Key, Parameter, Value, key_of
 from mercator_design.race.space.space import Space
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.race.running.record import Record
+from mercator_design.race.session.record import Record
 from mercator_design.race.space.parameter import Configuration, Parameter
 from mercator_design.race.space.space import Space
 

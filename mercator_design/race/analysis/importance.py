@@ -24,8 +24,8 @@ from threadpoolctl import threadpool_limits
 from mercator_design import seeds
 from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
-from mercator_design.race.candidates.surrogate import Features, Surrogate
-from mercator_design.race.racing.additive_model import effects, table
+from mercator_design.race.elimination.additive_model import effects, table
+from mercator_design.race.proposals.surrogate import Features, Surrogate
 from mercator_design.race.space.encoding import Encoding
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from mercator_design.race.racing.statistics import holm
-from mercator_design.race.racing.summary import Scores
+from mercator_design.race.elimination.statistics import holm
+from mercator_design.race.elimination.summary import Scores
 
 K = TypeVar("K")
 

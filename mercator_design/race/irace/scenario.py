@@ -13,13 +13,13 @@ from typing import get_args
 
 from mercator_design.config.yaml_tree import is_text
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.elimination.options import RaceOptions
+from mercator_design.race.elimination.statistics import TestName
 from mercator_design.race.irace.configurations import read_configurations, to_text
 from mercator_design.race.irace.parameters import parse_space
 from mercator_design.race.irace.scenario_options import EXPECTED, OPTIONS, TESTS, in_names_of_irace, unknown
 from mercator_design.race.irace.scenario_text import Assignment, Setting, read_assignments, read_text
 from mercator_design.race.irace.target_runner import REQUIRED, Target
-from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.racing.statistics import TestName
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_text
 from mercator_design.race.space.space import Space

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.executor import Rejected
-from mercator_design.race.running.events import Measurement
+from mercator_design.race.session.events import Measurement
 from mercator_design.race.space.r_operators import number
 
 CMDLINE = "{configurationID} {instanceID} {seed} {instance} {bound} {targetRunnerArgs}"

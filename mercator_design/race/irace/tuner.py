@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
+from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.executors.executor import Executor, ExecutorStopped
 from mercator_design.race.irace import configurations, scenario_text
 from mercator_design.race.irace.scenario import Scenario, read_scenario
@@ -19,11 +20,10 @@ from mercator_design.race.irace.target_runner import RunnerCall
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.table import METHODS, Method
-from mercator_design.race.racing.race import Experiment
-from mercator_design.race.running.evaluation import results_of, test_of
-from mercator_design.race.running.events import ExperimentDone, TestDone
-from mercator_design.race.running.outcome import ExperimentFailed, OnFailure, is_fatal
-from mercator_design.race.running.task import RaceResult, Start, Task
+from mercator_design.race.session.evaluation import results_of, test_of
+from mercator_design.race.session.events import ExperimentDone, TestDone
+from mercator_design.race.session.outcome import ExperimentFailed, OnFailure, is_fatal
+from mercator_design.race.session.task import RaceResult, Start, Task
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.seeds import generator
 

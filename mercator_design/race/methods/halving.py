@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mercator_design.errors import RaceError
-from mercator_design.race.candidates.newcomers import Child, Newcomers
+from mercator_design.race.elimination.additive_model import expected, table
+from mercator_design.race.elimination.history import RaceHistory
+from mercator_design.race.elimination.race import ALL_REJECTED, Experiment
+from mercator_design.race.elimination.summary import IterationSummary
 from mercator_design.race.methods.optimizer import Batches, Optimizer, Upcoming
-from mercator_design.race.racing.additive_model import expected, table
-from mercator_design.race.racing.history import RaceHistory
-from mercator_design.race.racing.race import ALL_REJECTED, Experiment
-from mercator_design.race.racing.summary import IterationSummary
+from mercator_design.race.proposals.newcomers import Child, Newcomers
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 

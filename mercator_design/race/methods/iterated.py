@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from mercator_design.errors import RaceError
-from mercator_design.race.candidates.model import SamplingModel
-from mercator_design.race.candidates.sampling import even_sample, similar, sobol_sequence
+from mercator_design.race.elimination.options import RaceOptions
+from mercator_design.race.elimination.planning import IterationPlan, Planner
+from mercator_design.race.elimination.postselection import select_candidates
+from mercator_design.race.elimination.race import EliminationRace, Experiment
+from mercator_design.race.elimination.summary import IterationSummary, Progress
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.racing.options import RaceOptions
-from mercator_design.race.racing.planning import IterationPlan, Planner
-from mercator_design.race.racing.postselection import select_candidates
-from mercator_design.race.racing.race import EliminationRace, Experiment
-from mercator_design.race.racing.summary import IterationSummary, Progress
+from mercator_design.race.proposals.model import SamplingModel
+from mercator_design.race.proposals.sampling import even_sample, similar, sobol_sequence
 from mercator_design.race.space.parameter import Configuration, Value, key_of
 from mercator_design.race.space.space import Space
 

@@ -3,8 +3,8 @@
 from collections.abc import Container
 from concurrent.futures import ThreadPoolExecutor
 
+from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.methods.optimizer import Optimizer
-from mercator_design.race.racing.race import Experiment
 
 
 class NextBatch:

@@ -12,9 +12,9 @@ import numpy as np
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError, described
-from mercator_design.race.racing.history import RaceHistory
-from mercator_design.race.racing.race import Experiment, check_costs
-from mercator_design.race.racing.summary import Elite, IterationSummary, Progress
+from mercator_design.race.elimination.history import RaceHistory
+from mercator_design.race.elimination.race import Experiment, check_costs
+from mercator_design.race.elimination.summary import Elite, IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Key, Value, key_of
 from mercator_design.race.space.space import Space
 

@@ -13,10 +13,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from mercator_design.errors import RaceError
+from mercator_design.race.elimination.race import ALL_REJECTED, Experiment
+from mercator_design.race.elimination.statistics import signed_rank_p_value
+from mercator_design.race.elimination.summary import IterationSummary
 from mercator_design.race.methods.optimizer import Batches, Optimizer
-from mercator_design.race.racing.race import ALL_REJECTED, Experiment
-from mercator_design.race.racing.statistics import signed_rank_p_value
-from mercator_design.race.racing.summary import IterationSummary
 from mercator_design.race.space.parameter import Configuration, Value
 from mercator_design.race.space.space import Space
 

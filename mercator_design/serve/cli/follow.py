@@ -7,10 +7,10 @@ import click
 from mercator_design.cli.options import PROGRESS
 from mercator_design.command import print_message, print_result
 from mercator_design.errors import MercatorError
-from mercator_design.report.progress import Mode
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.client import follow as following
 from mercator_design.serve.client.follow import STATE, JobEvent, result
+from mercator_design.show.text.progress import Mode
 
 
 @click.command(epilog=EPILOG)

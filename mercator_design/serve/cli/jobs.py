@@ -9,9 +9,9 @@ import click
 from mercator_design.cli.options import JSON
 from mercator_design.cli.terminal import terminal_width
 from mercator_design.command import print_message, print_result
-from mercator_design.report.columns import narrowed
 from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, STATES
+from mercator_design.show.text.columns import narrowed
 
 _PAGE = 500  # jobs of a request
 _DISPENSABLE = ("submitted", "owner", "mission", "message")

@@ -9,10 +9,10 @@ import click
 
 from mercator_design.cli.options import FOLDER
 from mercator_design.command import print_message, print_result
-from mercator_design.report.columns import aligned
 from mercator_design.serve.accounts import audit
 from mercator_design.serve.accounts.users import DAYS, Account, Users, id_of
 from mercator_design.serve.settings import SERVICE, ServiceError
+from mercator_design.show.text.columns import aligned
 from mercator_design.system.files import writing
 
 

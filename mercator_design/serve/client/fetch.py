@@ -9,7 +9,7 @@ from typing import BinaryIO
 from urllib.parse import quote
 
 from mercator_design.errors import excerpt
-from mercator_design.runs.files import JOURNAL
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.client.connection import ClientError, Connection
 from mercator_design.system.files import sync_folder
 

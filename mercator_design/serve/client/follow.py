@@ -11,12 +11,12 @@ import httpx
 from httpx_sse import EventSource, SSEError
 
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race.racing.summary import Progress
-from mercator_design.race.running.events import event_of
-from mercator_design.race.running.standing import Standing
-from mercator_design.report.progress import Mode, RaceDisplay
+from mercator_design.race.elimination.summary import Progress
+from mercator_design.race.session.events import event_of
+from mercator_design.race.session.standing import Standing
 from mercator_design.serve.client.connection import ClientError, Connection, Lost
 from mercator_design.serve.jobs.job import ENDED
+from mercator_design.show.text.progress import Mode, RaceDisplay
 
 STATE = "state"
 """The kind of events that have the job itself."""

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from mercator_design.api import Evaluation
 from mercator_design.config.writing import plain
 from mercator_design.designer import header_of
 from mercator_design.errors import FsmError, MissionError
@@ -14,17 +13,18 @@ from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.modules import Swarm
 from mercator_design.fsm.yaml_form import parse_yaml
-from mercator_design.race.racing.summary import Scores
-from mercator_design.report.evaluations import Comparison, Evaluated, comparison_data
-from mercator_design.report.page.markup import p_text
+from mercator_design.race.elimination.summary import Scores
+from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
 from mercator_design.serve.settings import UserLimits
+from mercator_design.show.charts import Axis, Dot, interval_chart
+from mercator_design.show.experiment import ShownExperiment
+from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.replay import Replay, replay_of
+from mercator_design.show.report.markup import p_text
+from mercator_design.show.text.evaluations import Comparison, Evaluated, comparison_data
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.simulate import Simulator
-from mercator_design.view.charts import Axis, Dot, interval_chart
-from mercator_design.view.experiment import ShownExperiment
-from mercator_design.view.machines.diagram import diagram_svg
-from mercator_design.view.replay import Replay, replay_of
 
 _MAX_CELLS = 1_000_000
 """Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""

@@ -9,11 +9,11 @@ from mercator_design.config.writing import dump
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.report.missions import facts_of
 from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
 from mercator_design.serve.desk.sources import MissionSource, text_without_files
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
+from mercator_design.show.text.missions import facts_of
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of
 
@@ -115,7 +115,7 @@ def picture(source: MissionSource, limits: UserLimits, seed: int, kind: Literal[
     Raises:
         MercatorError: It is not valid, or the robots do not fit.
     """
-    from mercator_design.view.pictures.preview import picture_of
+    from mercator_design.show.pictures.preview import picture_of
 
     return picture_of(Simulator(source.read(limits)), seed=seed, suffix=f".{kind}")
 

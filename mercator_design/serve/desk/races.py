@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from mercator_design.analysis.proof import read_proof
-from mercator_design.report.page.answer import answer
-from mercator_design.report.page.choice import choice
-from mercator_design.report.page.course import course
-from mercator_design.report.page.facts import Facts
-from mercator_design.report.page.importance import importance
-from mercator_design.report.page.markup import note
-from mercator_design.report.page.origin import origin
-from mercator_design.report.page.replays import ShownRun, chosen_runs
-from mercator_design.report.page.request import request
+from mercator_design.results.analysis.proof import read_proof
+from mercator_design.show.report.answer import answer
+from mercator_design.show.report.choice import choice
+from mercator_design.show.report.course import course
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.importance import importance
+from mercator_design.show.report.markup import note
+from mercator_design.show.report.origin import origin
+from mercator_design.show.report.replays import ShownRun, chosen_runs
+from mercator_design.show.report.request import request
 
 
 @dataclass(frozen=True)

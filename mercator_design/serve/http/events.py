@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Header, Query
 from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse
 
-from mercator_design.runs.files import JOURNAL
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob, may_see
 from mercator_design.serve.http.problems import RESPONSES

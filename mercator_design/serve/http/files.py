@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from fastapi import Path as InPath
 from fastapi.responses import StreamingResponse
 
-from mercator_design.runs.files import JOURNAL
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.http.context import TheService, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import File

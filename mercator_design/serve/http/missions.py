@@ -13,7 +13,6 @@ from pydantic import BaseModel
 from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
-from mercator_design.report.missions import missions_facts
 from mercator_design.serve.desk.completion import Completions, completions
 from mercator_design.serve.desk.estimates import Cost, cost_of
 from mercator_design.serve.desk.missions import MissionReview, mission_schema, mission_text, picture, review
@@ -24,6 +23,7 @@ from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, Missi
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
+from mercator_design.show.text.missions import missions_facts
 
 router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 from mercator_design.errors import MercatorError
-from mercator_design.race.running.journal import is_locked, now
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.session.journal import is_locked, now
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, IndexRow
 from mercator_design.serve.jobs.job import STATES, Job, RaceRequest, State
 from mercator_design.serve.jobs.store import Store, size_of

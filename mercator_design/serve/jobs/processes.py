@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from mercator_design.errors import printable
-from mercator_design.runs.provenance import PROVENANCE
+from mercator_design.results.provenance import PROVENANCE
 from mercator_design.serve.jobs.job import Job
 from mercator_design.serve.jobs.store import MISSION, OUTPUT, Store
 from mercator_design.serve.settings import ServiceSettings

@@ -8,9 +8,9 @@ from typing import BinaryIO, NamedTuple
 
 from mercator_design.config.checked_lines import checked_text
 from mercator_design.errors import MercatorError
-from mercator_design.race.running.journal import Reading
-from mercator_design.race.running.record import Record
-from mercator_design.runs.files import JOURNAL, TASKS, read_provenance
+from mercator_design.race.session.journal import Reading
+from mercator_design.race.session.record import Record
+from mercator_design.results.files import JOURNAL, TASKS, read_provenance
 
 _EVENT, _AFTER = b'{"event":"', b',"after":"'  # at the ends of a line
 CHUNK = 64 * 1024

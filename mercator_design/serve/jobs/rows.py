@@ -8,12 +8,12 @@ import yaml
 
 from mercator_design.config.yaml_tree import LOADER
 from mercator_design.errors import RaceError, excerpt, printable
-from mercator_design.race.running.journal import Reading
-from mercator_design.report.runs import run_of
-from mercator_design.runs.files import OtherVersion, read_journal
+from mercator_design.race.session.journal import Reading
+from mercator_design.results.files import OtherVersion, read_journal
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_SEED, Job, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.show.text.runs import run_of
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 1024 * 1024  # bytes of a mission

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mercator_design.race.running.journal import now
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.session.journal import now
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.jobs.job import Job, RaceRequest
 from mercator_design.serve.records import Records, new_id
 from mercator_design.serve.settings import SERVICE

@@ -15,8 +15,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mercator_design.errors import MercatorError, RaceError, described
-from mercator_design.race.running.journal import Reading, is_locked, now
-from mercator_design.runs.files import JOURNAL
+from mercator_design.race.session.journal import Reading, is_locked, now
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, IndexRow
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess

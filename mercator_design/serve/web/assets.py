@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 from fastapi import APIRouter, Response
 
-from mercator_design.report.page.page import asset as page_asset
 from mercator_design.serve.http.problems import Missing
-from mercator_design.view.charts import STYLE
-from mercator_design.view.page import viewer_script, viewer_style
+from mercator_design.show.charts import STYLE
+from mercator_design.show.page import viewer_script, viewer_style
+from mercator_design.show.report.page import asset as page_asset
 
 router = APIRouter(include_in_schema=False)
 

@@ -7,15 +7,15 @@ from urllib.parse import quote
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
-from mercator_design.report.page.markup import Html, facts_list
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.web.layout import page
 from mercator_design.serve.web.machines import SCRIPTS, STYLES
-from mercator_design.view.charts import number
-from mercator_design.view.markup import escaped
+from mercator_design.show.charts import number
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html, facts_list
 
 router = APIRouter(include_in_schema=False)
 

@@ -10,9 +10,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from mercator_design.errors import MercatorError
-from mercator_design.report.page.markup import Html, facts_list, folded, section
-from mercator_design.report.page.page import REPORT
-from mercator_design.runs.files import JOURNAL
+from mercator_design.results.files import JOURNAL
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import FSM
 from mercator_design.serve.desk.races import Part, about_part, race_part
@@ -39,8 +37,10 @@ from mercator_design.serve.web.job_parts import (
 )  # fmt: skip
 from mercator_design.serve.web.kept import Kept
 from mercator_design.serve.web.layout import fragment, page
-from mercator_design.view.charts import number
-from mercator_design.view.markup import escaped, escaped_lines
+from mercator_design.show.charts import number
+from mercator_design.show.markup import escaped, escaped_lines
+from mercator_design.show.report.markup import Html, facts_list, folded, section
+from mercator_design.show.report.page import REPORT
 
 router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 

@@ -4,11 +4,11 @@ from datetime import datetime
 from typing import NamedTuple
 from urllib.parse import quote
 
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import State
-from mercator_design.view.charts import number
-from mercator_design.view.markup import escaped
+from mercator_design.show.charts import number
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 
 class Action(NamedTuple):

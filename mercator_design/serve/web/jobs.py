@@ -6,7 +6,6 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.http.context import TheService, TheUser, may_change
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
@@ -14,7 +13,8 @@ from mercator_design.serve.jobs.job import STATES
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.job_parts import ACTIONS, address, best, buttons, moment, progress, state
 from mercator_design.serve.web.layout import fragment, options, page
-from mercator_design.view.markup import escaped
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 router = APIRouter(include_in_schema=False)
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from mercator_design.analysis.proof import PROOF
 from mercator_design.errors import MercatorError
-from mercator_design.race.running.journal import is_locked
-from mercator_design.runs.files import JOURNAL
-from mercator_design.runs.provenance import PROVENANCE
+from mercator_design.race.session.journal import is_locked
+from mercator_design.results.analysis.proof import PROOF
+from mercator_design.results.files import JOURNAL
+from mercator_design.results.provenance import PROVENANCE
 from mercator_design.serve.desk.desk import ASKED_BY, Busy, Desk
 from mercator_design.serve.desk.races import Part
 from mercator_design.serve.jobs.races import length_of

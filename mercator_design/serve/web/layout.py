@@ -5,11 +5,11 @@ from collections.abc import Iterable, Sequence
 from fastapi import Request
 from fastapi.responses import HTMLResponse
 
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.http.problems import ProblemAnswer
 from mercator_design.serve.web.assets import assets
-from mercator_design.view.markup import escaped
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "

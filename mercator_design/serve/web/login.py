@@ -7,13 +7,13 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import Scope
 
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.accounts import TooManyFailures
 from mercator_design.serve.accounts.guard import LOGIN, LOGOUT, address_of, cookie_name, session_of
 from mercator_design.serve.accounts.sessions import DAYS
 from mercator_design.serve.http.context import TheService
 from mercator_design.serve.web.layout import page
-from mercator_design.view.markup import escaped
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 router = APIRouter(include_in_schema=False)
 

@@ -8,7 +8,6 @@ from fastapi.responses import HTMLResponse
 
 from mercator_design.config import shipped
 from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
@@ -18,7 +17,8 @@ from mercator_design.serve.http.problems import Missing
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
-from mercator_design.view.markup import escaped
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 router = APIRouter(include_in_schema=False)
 

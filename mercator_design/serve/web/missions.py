@@ -12,7 +12,6 @@ from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import METHODS
-from mercator_design.report.page.markup import Html
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
 from mercator_design.serve.http.schemas import MAX_ID, MAX_SEED
@@ -20,7 +19,8 @@ from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, RaceRequest
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
-from mercator_design.view.markup import escaped
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.markup import Html
 
 router = APIRouter(include_in_schema=False)
 

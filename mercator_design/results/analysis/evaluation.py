@@ -1,0 +1,13 @@
+"""The scores of control software on instances."""
+
+from dataclasses import dataclass
+
+from mercator_design.race.elimination.summary import Scores
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluation:
+    """Scores of a PFSM, and the seeds of the instances."""
+
+    scores: Scores
+    seeds: tuple[int, ...]

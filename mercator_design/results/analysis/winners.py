@@ -1,0 +1,44 @@
+"""The winners of several races for one mission, to be measured on the same instances."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mercator_design.designer import Designer
+from mercator_design.errors import RaceError
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.results.files import check_configurations, read_journal, task_of
+from mercator_design.sim.simulate import Simulator
+
+_MISSION = ("mission_digest", "robot_model_digest")
+"""The keys of a start that are equal in races for the same mission and robots."""
+
+
+def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
+    """The winner of each race by the name of its run folder, and the simulator of their mission.
+
+    Raises:
+        RaceError: A race has not ended or is not of a mission, or they are of different missions or robot models.
+        MissionError: The mission, robot model or plugins cannot be read.
+    """
+    first: Designer | None = None
+    found: dict[str, Pfsm] = {}
+    for folder in folders:
+        record = read_journal(folder).record
+        if not record.ends:
+            raise RaceError(f"{folder}: expected a race that has ended, found one that has no winner yet")
+        task = task_of(folder)
+        if not isinstance(task, Designer):
+            raise RaceError(f"{folder}: expected the race of a mission, found that of a {record.start['task']}")
+        first = first or task
+        here, there = ([of.start()[key] for key in _MISSION] for of in (task, first))
+        if here != there:
+            raise RaceError(
+                f"{folder}: expected the mission and robot model of {folders[0]}, as their winners run on the same "
+                "instances, found others"
+            )
+        check_configurations(folder, record, task.optimizer.space)
+        found[str(folder)] = to_pfsm(record.configurations[record.ends[-1].winner], task.flavour)
+    if first is None:
+        raise RaceError("expected races, found none")
+    return found, first.simulator

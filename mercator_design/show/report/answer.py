@@ -1,0 +1,89 @@
+"""The answer first: the winner, its score, its control software."""
+
+from collections.abc import Sequence
+
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.explain import explanation
+from mercator_design.fsm.words.modules import Swarm, module_words, robots_words
+from mercator_design.fsm.words.names import state_names
+from mercator_design.missions.trace import Trace
+from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.results.analysis.occupancy import occupancy
+from mercator_design.results.analysis.proof import Proof
+from mercator_design.show.charts import number
+from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.markup import escaped
+from mercator_design.show.report.choice import verdict
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.markup import Html, command, facts_list, figure, folded, note, section, text
+from mercator_design.sim.checks.lint import lint
+
+
+def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
+    """The section of the winner; traces of its runs tell how long robots are in each state."""
+    if facts.best is None:
+        return section("answer", "No winner yet", note("No iteration has ended yet."))
+    name = "The winner" if facts.record.is_complete else "The best so far"
+    return section("answer", name, _score(facts, proof), _software(facts, facts.best, traces))
+
+
+def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
+    """The scores that say most of the winner, and where they were measured."""
+    if facts.tested is not None:
+        return facts.tested, f"mean of {len(facts.tested.values)} tests on fresh instances"
+    if fresh is not None:
+        return fresh, f"mean of {len(fresh.values)} runs on fresh instances"
+    assert facts.best is not None  # noqa: S101 - `answer` has checked
+    own = Scores(tuple(facts.scores[facts.best].values()))
+    return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is optimistic"
+
+
+def _score(facts: Facts, proof: Proof | None) -> Html:
+    scores, where = headline(facts, None if proof is None else proof.winner)
+    interval = scores.confidence_interval
+    around = "" if interval is None else f"{number(interval[0])} to {number(interval[1])} at {CONFIDENCE:.0%}"
+    low, high = scores.interval
+    data = f'data-score="{scores.mean:.6g}" data-low="{low:.6g}" data-high="{high:.6g}" data-n="{len(scores.values)}"'
+    return Html(
+        f'<p class="score" {data}><strong>{number(scores.mean)}</strong> <span>{around}</span></p>'
+        + note(f"{facts.score_name}: {where}.")
+        + ("" if proof is None else note(verdict(facts, proof)))
+    )
+
+
+def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
+    pfsm = facts.pfsm(best)
+    if pfsm is None:
+        values = facts.record.configurations[best]
+        line = command(facts.task.optimizer.space.command_line(values), "winner") if facts.task is not None else ""
+        return Html(facts_list(sorted(values.items())) + line)
+    caption = (
+        f"Configuration {best} as a PFSM: robots begin in state 0; each condition is beside the transition "
+        "that it triggers."
+    )
+    if facts.designer is not None and "neighbours" in pfsm.reads:
+        caption += f" {robots_words(facts.designer.simulator.mission.robots)}"
+    if traces:
+        caption += f" Shares of time and rates are those of the {len(traces)} replays below."
+    measured = occupancy(traces, len(pfsm.states)) if traces else None
+    diagram = figure(diagram_svg(pfsm, measured=measured), caption, facts.command())
+    return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
+
+
+def _words(facts: Facts, pfsm: Pfsm) -> Html:
+    """What the control software does, in a sentence and in full, and what is superfluous in it."""
+    if facts.designer is None:
+        return Html()
+    mission, model = facts.designer.simulator.mission, facts.designer.simulator.robot_model
+    names, swarm = state_names(pfsm), Swarm(mission.control_period, mission.robots)
+    does = dict.fromkeys(module_words(state.behaviour, state.parameters, swarm) for state in pfsm.states)
+    when = "; its conditions decide when" if len(does) > 1 else ""
+    findings = "".join(
+        f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in lint(pfsm, names, mission, model)
+    )
+    return Html(
+        note(f"A robot {'; or it '.join(does)}{when}.")
+        + (f"<ul>{findings}</ul>" if findings else "")
+        + folded("All states and conditions in words", text(explanation(pfsm, names, swarm)))
+    )

@@ -1,0 +1,151 @@
+"""What the page of a race is made of, read from its run folder; the race may be running or stopped."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+from mercator_design.designer import Designer
+from mercator_design.errors import MercatorError, RaceError
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.task import Task
+from mercator_design.results.files import (
+    TASKS,
+    OtherVersion,
+    check_configurations,
+    check_same,
+    read_journal,
+    read_provenance,
+    task_of,
+)
+from mercator_design.results.provenance import Provenance
+from mercator_design.show.text.runs import run_of
+
+MAX_ELITES = 8
+"""Maximum number of elites that are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """The journal and the files of a run folder.
+
+    named: The folder, as the commands on the page name it.
+    record: The journal's.
+    provenance: None if it is missing or damaged.
+    task: None if this program cannot restore it.
+    notes: What is wrong with the folder, for the user.
+    """
+
+    folder: Path
+    named: Path
+    record: Record
+    provenance: Provenance | None
+    task: Task[Any] | None
+    state: str
+    notes: tuple[str, ...]
+
+    @classmethod
+    def read(cls, folder: Path, *, task: Task[Any] | None = None) -> Self:
+        """Read a run folder.
+
+        Args:
+            folder: Its path.
+            task: Its task, if this process has run the race.
+
+        Raises:
+            RaceError: There is no race, or its journal is corrupt.
+        """
+        reading = read_journal(folder)
+        if not reading.record.start:
+            raise RaceError(f"{folder}: no race has begun here yet")
+        record, run, notes, provenance = reading.record, run_of(folder, reading), [], None
+        is_own = task is not None and record.is_complete
+        try:
+            provenance = read_provenance(folder)
+            check_same(folder, record, provenance)
+            task = task or task_of(folder)
+        except OtherVersion:
+            raise
+        except MercatorError as error:
+            notes = [*error.messages]
+        if task is not None:
+            check_configurations(folder, record, task.optimizer.space)
+        else:
+            TASKS[str(record.start["task"])].check(record.start, list(record.configurations.values()))
+        return cls(
+            folder=folder,
+            named=folder,
+            record=record,
+            provenance=provenance,
+            task=task,
+            state="finished" if is_own else str(run["state"]),
+            notes=tuple(dict.fromkeys([*run["notes"], *notes])),
+        )
+
+    @property
+    def start(self) -> Mapping[str, Any]:
+        return self.record.start
+
+    @property
+    def designer(self) -> Designer | None:
+        """The task, if it designs control software."""
+        return self.task if isinstance(self.task, Designer) else None
+
+    @cached_property
+    def best(self) -> int | None:
+        """The winner, or the best configuration so far."""
+        return self.record.leader
+
+    @cached_property
+    def elites(self) -> list[int]:
+        """The winner, and the other elites of the last iteration."""
+        last = self.record.ended[-1].elites if self.record.iterations else ()
+        return list(dict.fromkeys([*([] if self.best is None else [self.best]), *last]))[:MAX_ELITES]
+
+    @cached_property
+    def former_elites(self) -> list[int]:
+        """The elites of all iterations, the latest first."""
+        return list(dict.fromkeys(number for one in reversed(self.record.ended) for number in one.elites))
+
+    @cached_property
+    def scores(self) -> dict[int, dict[int, float]]:
+        """The scores of all configurations, by instance of the race."""
+        found: dict[int, dict[int, float]] = {}
+        for one in self.record.results():
+            if one.score is not None:
+                found.setdefault(one.configuration, {})[one.instance] = one.score
+        return found
+
+    @cached_property
+    def tested(self) -> Scores | None:
+        """The scores of the winner on its test instances."""
+        scores = self.record.test_scores().get(self.best) if self.best is not None else None
+        return Scores(scores) if scores else None
+
+    def pfsm(self, configuration: int) -> Pfsm | None:
+        """The PFSM of a configuration, if PFSMs were raced."""
+        if self.start["task"] != "mission":
+            return None
+        return to_pfsm(self.record.configurations[configuration], self.start["flavour"])
+
+    @property
+    def score_name(self) -> str:
+        """The name of the axis of scores."""
+        if self.designer is not None:
+            objective = self.designer.simulator.mission.objective
+            return f"score ({objective.name}, {objective.direction})"
+        return "cost (lower is better)" if self.start["task"] == "scenario" else "score"
+
+    def called(self, configuration: int) -> str:
+        """The name of a configuration on the page."""
+        is_winner = configuration == self.best and self.record.is_complete
+        return f"{configuration} (winner)" if is_winner else str(configuration)
+
+    def command(self, *verb: str) -> str:
+        """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""
+        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named)])

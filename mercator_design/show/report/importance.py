@@ -1,0 +1,73 @@
+"""What matters: which modules or parameters explain the scores, and which parts the winner needs."""
+
+from mercator_design.errors import RaceError
+from mercator_design.fsm.text import to_text
+from mercator_design.race.analysis.importance import Importance
+from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
+from mercator_design.results.analysis.analysis import importance as measured
+from mercator_design.show.charts import Axis, Dot, interval_chart
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.markup import Html, command, figure, note, p_text, row_of, section
+from mercator_design.show.text.analysis import ABLATION, read_ablation
+
+_MAX_SHOWN = 12
+_NORMAL = 1.96  # standard errors of half an interval
+
+
+def importance(facts: Facts) -> Html:
+    """The section of what matters; it says so if the race was too small for it."""
+    if facts.task is None:
+        return Html()
+    title = f"What matters on {facts.start['name']}"
+    return section("importance", title, row_of(_importance(facts), _ablation(facts)))
+
+
+def _importance(facts: Facts) -> Html:
+    try:
+        _, explanation = measured(facts.folder)
+    except RaceError as error:
+        return note(error.messages[0])
+    dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]
+    if not dots:
+        return Html()
+    what = "the number of each module in a PFSM" if facts.designer is not None else "each parameter"
+    caption = (
+        f"How much {what} explains of the differences between the {explanation.configurations} configurations that "
+        f"were raced: share of the variance, with its interval of {CONFIDENCE:.0%}. In all, "
+        f"{max(explanation.explained, 0.0):.0%} of it can be predicted. From the race's own experiments."
+    )
+    chart = interval_chart(dots, Axis("share of the variance"))
+    return figure(chart, caption, facts.command("runs", "importance"))
+
+
+def _dot(one: Importance) -> Dot:
+    half = _NORMAL * one.error
+    return Dot(one.name.replace("_", " "), one.share, max(0.0, one.share - half), min(1.0, one.share + half))
+
+
+def _ablation(facts: Facts) -> Html:
+    """The winner without its parts, if that was measured; else the command that does it."""
+    pfsm = None if facts.best is None or not facts.record.is_complete else facts.pfsm(facts.best)
+    if pfsm is None:
+        return Html()
+    made_by = facts.command("runs", "ablation")
+    rows = read_ablation(facts.folder / ABLATION, to_text(pfsm))
+    if not rows:
+        about = note("Which states and transitions the winner needs is measured by more experiments:")
+        return Html(f"<div>{about}{command(made_by)}</div>")
+    dots = [
+        Dot(
+            row.change,
+            row.mean,
+            row.low,
+            row.high,
+            remark="" if row.p_value is None else p_text(row.p_value),
+            colour=int(row.p_value is not None and row.p_value < ALPHA),
+        )
+        for row in rows
+    ]
+    caption = (
+        "The winner taken apart, on fresh instances: each row is without the parts of the rows above it, too. Mean "
+        f"score and interval of {CONFIDENCE:.0%}; p: of no difference from the winner."
+    )
+    return figure(interval_chart(dots, Axis(facts.score_name)), caption, made_by)

@@ -1,0 +1,97 @@
+"""The page of a race: all sections in one HTML file that makes no request; and the page of a race that is followed."""
+
+from collections.abc import Sequence
+from importlib.resources import files
+
+from mercator_design.errors import excerpt
+from mercator_design.results.analysis.proof import Proof
+from mercator_design.show.charts import STYLE
+from mercator_design.show.markup import escaped
+from mercator_design.show.page import POLICY, document, viewer_script, viewer_style
+from mercator_design.show.replay import replay_of
+from mercator_design.show.report.answer import answer
+from mercator_design.show.report.choice import choice
+from mercator_design.show.report.course import course
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.importance import importance
+from mercator_design.show.report.markup import Html, note
+from mercator_design.show.report.origin import origin
+from mercator_design.show.report.replays import chosen_runs, replays, run_again
+from mercator_design.show.report.request import request
+
+REPORT = "report.html"
+MAX_SIZE = 1_200_000
+"""Bytes of a page; replays that do not fit are left out."""
+_LINKS = {
+    "answer": "Winner",
+    "request": "Request",
+    "course": "Course",
+    "choice": "Proof",
+    "importance": "What matters",
+    "replays": "Replays",
+    "origin": "Origin",
+}
+
+
+def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> str:
+    """The page of a race, at whatever stage it is.
+
+    The proof is the winner on fresh instances; `without` says why there is none.
+    """
+    runs = chosen_runs(facts, proof) if facts.record.is_complete else []
+    again, problem = run_again(facts, runs)
+    first = [
+        answer(facts, proof, [one.trace for one in again]),
+        request(facts),
+        course(facts),
+        choice(facts, proof, without),
+        importance(facts),
+    ]
+    last = origin(facts)
+    shown = [replay_of(one) for one in again]
+    while True:
+        sections = [*first, replays(runs, shown, problem), last]
+        page = _page(facts, sections, viewer=bool(shown))
+        if len(page.encode()) <= MAX_SIZE or not shown:
+            return page
+        shown = shown[:-1]
+
+
+def live_part(facts: Facts) -> Html:
+    """The part of a page that changes while the race runs."""
+    record = facts.record
+    done = len(record.experiments)
+    bar = f'<progress max="{record.budget}" value="{done}">{done} of {record.budget}</progress>'
+    return Html(f'<p id="state">{_state(facts)}</p>{bar}{answer(facts, None, [])}{course(facts)}')
+
+
+def following_page(facts: Facts) -> str:
+    """The page of a race that is running, which asks for its live part again and again."""
+    sections = [Html(f'<div id="live">{live_part(facts)}</div>'), request(facts), origin(facts)]
+    return _page(facts, sections, viewer=False, follows=True)
+
+
+def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool = False) -> str:
+    title = excerpt(str(facts.start["name"]))
+    body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
+    links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
+    head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
+    styles = [*([viewer_style()] if viewer else []), STYLE, asset("page.css")]
+    scripts = [*([viewer_script()] if viewer else []), asset("page.js"), *([asset("follow.js")] if follows else [])]
+    policy = f"{POLICY}; connect-src 'self'" if follows else POLICY
+    whole = f'<header class="top"><h1><bdi>{escaped(title)}</bdi></h1>{head}</header>\n<main>{body}</main>'
+    return document(f"{title}: report of a race", "".join(styles), whole, "\n".join(scripts), policy=policy)
+
+
+def _state(facts: Facts) -> str:
+    record = facts.record
+    n = sum(not one.postselection for one in record.iterations.values())
+    return escaped(
+        f"Race by {facts.start['method']}, {facts.state}: {len(record.experiments)} of {record.budget} experiments, "
+        f"{n} iteration{'s' * (n != 1)}, {len(record.configurations)} configurations"
+    )
+
+
+def asset(name: str) -> str:
+    """A file of the page: its style, page.css; its scripts, page.js for copying and replays, and follow.js."""
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,56 @@
+"""What was asked: the mission, the method, the budget."""
+
+import base64
+import io
+
+from mercator_design.designer import Designer
+from mercator_design.errors import MercatorError
+from mercator_design.show.report.facts import Facts
+from mercator_design.show.report.markup import Html, facts_list, figure, row_of, section
+
+_DPI = 160
+_COLOURS = 128  # of the picture: few are needed, and it gets three times smaller
+
+
+def request(facts: Facts) -> Html:
+    """The section of what was asked."""
+    start, designer = facts.start, facts.designer
+    mission: list[tuple[str, object]] = [("mission" if start["task"] == "mission" else "scenario", start["name"])]
+    picture = Html()
+    if designer is not None:
+        asked, objective = designer.simulator.mission, designer.simulator.mission.objective
+        mission += [
+            ("", asked.description or None),
+            ("robots", f"{asked.robots} of {designer.simulator.robot_model.name}"),
+            ("duration", f"{asked.duration:g} s"),
+            ("objective", f"{objective.direction} {objective.name}"),
+        ]
+        picture = floor_picture(designer, facts.command())
+    race: list[tuple[str, object]] = [
+        ("flavour", start.get("flavour")),
+        ("method", start["method"]),
+        ("budget", f"{facts.record.budget} experiments"),
+        ("extended from", ", ".join(map(str, facts.record.budgets[:-1])) or None),
+        ("seed", start["seed"]),
+        ("changed keys", ", ".join((facts.provenance and facts.provenance.request.set) or ()) or None),
+    ]
+    return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture))
+
+
+def floor_picture(designer: Designer, command: str) -> Html:
+    """The mission from above; nothing if its robots find no place."""
+    from PIL import Image
+
+    from mercator_design.show.pictures.figures import house_style
+    from mercator_design.show.pictures.preview import preview
+
+    drawn, file = io.BytesIO(), io.BytesIO()
+    try:
+        with house_style():
+            preview(designer.simulator, seed=designer.seed(0)).savefig(drawn, format="png", dpi=_DPI)
+    except MercatorError:
+        return Html()
+    Image.open(drawn).convert("RGB").quantize(_COLOURS).save(file, format="PNG", optimize=True)
+    data = base64.b64encode(file.getvalue()).decode()
+    image = f'<img alt="The mission from above" src="data:image/png;base64,{data}">'
+    return figure(image, "The mission from above, with the start of the race's first instance.", command)

@@ -1,0 +1,233 @@
+"""Evaluations of PFSMs on the same instances, as text, CSV and data for JSON."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+from mercator_design.errors import printable
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.names import state_names
+from mercator_design.race.analysis.pairs import Pair, compared
+from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
+from mercator_design.results.analysis.evaluation import Evaluation
+from mercator_design.results.analysis.swarm import SwarmStats
+from mercator_design.show.text.columns import aligned, difference
+from mercator_design.sim.simulate import Simulator
+from mercator_design.system.csv_text import csv_text
+
+_MAX_PAIRS = 10
+"""Number of pairs that are printed; of more, only those with the best."""
+
+_MAX_WIDTH = 30
+"""Maximum width of a name in a table [characters]."""
+
+
+class Evaluated(NamedTuple):
+    """A PFSM with its results."""
+
+    name: str
+    pfsm: Pfsm
+    result: Evaluation
+    stats: SwarmStats | None = None
+
+    @property
+    def scores(self) -> Scores:
+        return self.result.scores
+
+    @property
+    def label(self) -> str:
+        """The name in tables: the end of a long one, where the line is."""
+        name = printable(self.name)
+        return name if len(name) <= _MAX_WIDTH else f"...{name[3 - _MAX_WIDTH :]}"
+
+
+class Comparison:
+    """PFSMs that ran on the same instances of a mission.
+
+    Attributes:
+        of: The PFSMs.
+        best: The place of the best in `of`: that of the best mean, the first of equals.
+        pairs: All pairs of places, with paired t-tests and Holm's correction; none of a single instance.
+        p_values: Of the pairs with the best, by the other's place.
+    """
+
+    def __init__(self, of: Sequence[Evaluated], simulator: Simulator) -> None:
+        self.of = of
+        costs = [simulator.mission.cost(one.scores.mean) for one in of]
+        self.best = costs.index(min(costs))
+        self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
+        self.p_values = {
+            pair.second if pair.first == self.best else pair.first: pair.p_value
+            for pair in self.pairs
+            if self.best in (pair.first, pair.second)
+        }
+
+
+def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:
+    """The figures of an evaluation, a line each; given instances have no master seed."""
+    scores = one.scores
+    low, middle, high = scores.quartiles
+    lines = [*_head(scores, simulator, seed), f"mean                 {scores.mean:.6g}"]
+    if scores.confidence_interval is not None:
+        lines += [
+            f"standard deviation   {scores.standard_deviation:.6g}",
+            f"confidence interval  {scores.confidence_interval[0]:.6g} to {scores.confidence_interval[1]:.6g} "
+            f"({CONFIDENCE:.0%} for the mean)",
+        ]
+    lines += [f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"]
+    if one.stats is not None:
+        stats, names = one.stats, state_names(one.pfsm)
+        lines += [
+            *(f"{f'in state {k}':21}{share:.1%} {names[k]}" for k, share in enumerate(stats.states)),
+            f"transitions          {stats.transitions:.3g}/s of a robot",
+            *(f"{f'on {colour}':21}{share:.1%}" for colour, share in stats.ground.items()),
+            *([] if stats.neighbours is None else [f"neighbours           {stats.neighbours:.3g}"]),
+            *([] if stats.obstacles is None else [f"obstacles in sight   {stats.obstacles:.1%} of the time"]),
+            f"speed                {stats.speed:.3g} m/s",
+        ]
+    return "\n".join(map(printable, lines))
+
+
+def evaluation_data(one: Evaluated, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+    """The figures of an evaluation, for JSON; what is not defined, as for one run, is None."""
+    scores = {"scores": one.scores.values, "seeds": one.result.seeds}
+    return _facts(one.scores, simulator, seed) | scores | _figures(one)
+
+
+def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None) -> str:
+    """A table of PFSMs, their paired tests, and which is best."""
+    rows: list[Sequence[object]] = [
+        ("FSM", "mean", f"{CONFIDENCE:.0%} interval", "sd", "quartiles", "against the best", "p")
+    ]
+    best = found.of[found.best]
+    for k, one in enumerate(found.of):
+        scores, p = one.scores, found.p_values.get(k)
+        against = "best" if k == found.best else difference(scores.values, best.scores.values)
+        interval, sd = scores.confidence_interval, scores.standard_deviation
+        rows.append(
+            (
+                one.label,
+                f"{scores.mean:.4g}",
+                None if interval is None else f"{interval[0]:.4g} to {interval[1]:.4g}",
+                None if sd is None else f"{sd:.3g}",
+                "  ".join(f"{value:.4g}" for value in scores.quartiles),
+                against,
+                None if p is None else _p_text(p),
+            )
+        )
+    lines = [*_head(best.scores, simulator, seed), "", *aligned(rows)]
+    if 1 < len(found.pairs) <= _MAX_PAIRS:
+        pairs = [
+            (
+                f"{found.of[pair.first].label} - {found.of[pair.second].label}",
+                difference(pair.differences.values),
+                _p_text(pair.p_value),
+            )
+            for pair in found.pairs
+        ]
+        lines += ["", *aligned([("pair", "mean difference", "p"), *pairs])]
+    equals = [found.of[k].label for k, p in found.p_values.items() if p >= ALPHA]
+    if not found.pairs:
+        rest = ""
+    elif equals:
+        names = ", ".join(equals) if len(equals) < _MAX_PAIRS else f"{len(equals)} of the {len(found.of) - 1} others"
+        rest = f"; not significantly worse: {names}"
+    else:
+        rest = ", significantly better than the others"
+    lines += ["", f"Best: {best.label}{rest}"]
+    if found.pairs:
+        n = len(found.pairs)
+        lines += ["p: paired t-test" if n == 1 else f"p: paired t-tests of {n} pairs, with Holm's correction"]
+    if best.stats is not None:
+        header, *cells = _stats_rows(found.of)
+        shown = [[f"{cell:.3g}" if isinstance(cell, float) else cell for cell in row] for row in cells]
+        lines += ["", *aligned([header, *shown])]
+    return "\n".join(map(printable, lines))
+
+
+def comparison_csv(found: Comparison) -> str:
+    """The table as CSV, with the figures of `comparison_text`."""
+    names = ("fsm", "mean", "low", "high", "standard_deviation", "lower_quartile", "median", "upper_quartile")
+    stats = [row[1:] for row in _stats_rows(found.of)] if found.of[0].stats is not None else [()] * (len(found.of) + 1)
+    rows: list[Sequence[object]] = [(*names, "runs", "p_value_against_best", *stats[0])]
+    for k, (one, others) in enumerate(zip(found.of, stats[1:], strict=True)):
+        scores = one.scores
+        low, high = scores.confidence_interval or (None, None)
+        figures = (scores.mean, low, high, scores.standard_deviation, *scores.quartiles, len(scores.values))
+        rows.append((one.name, *figures, found.p_values.get(k), *others))
+    return csv_text(rows)
+
+
+def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+    """All figures and pairs, for JSON."""
+    best = found.of[found.best]
+    return {
+        **_facts(best.scores, simulator, seed),
+        "seeds": best.result.seeds,
+        "best": best.name,
+        "fsms": [
+            {"name": one.name, "fsm": to_text(one.pfsm), "scores": one.scores.values, **_figures(one)}
+            for one in found.of
+        ],
+        "pairs": [
+            {
+                "first": found.of[pair.first].name,
+                "second": found.of[pair.second].name,
+                "mean_difference": pair.differences.mean,
+                "confidence_interval": pair.differences.confidence_interval,
+                "p_value": pair.p_value,
+            }
+            for pair in found.pairs
+        ],
+    }
+
+
+def _head(scores: Scores, simulator: Simulator, seed: int | None) -> list[str]:
+    mission, robot_model = simulator.mission, simulator.robot_model
+    return [
+        f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
+        f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
+        f"runs                 {len(scores.values)}, {'on given instances' if seed is None else f'seed {seed}'}",
+    ]
+
+
+def _facts(scores: Scores, simulator: Simulator, seed: int | None) -> dict[str, Any]:
+    mission = simulator.mission
+    return {
+        "mission": mission.name,
+        "direction": mission.objective.direction,
+        "robots": mission.robots,
+        "duration": mission.duration,
+        "robot_model": simulator.robot_model.name,
+        "runs": len(scores.values),
+        "seed": seed,
+    }
+
+
+def _figures(one: Evaluated) -> dict[str, Any]:
+    scores = one.scores
+    figures = {
+        "mean": scores.mean,
+        "standard_deviation": scores.standard_deviation,
+        "quartiles": scores.quartiles,
+        "confidence_interval": scores.confidence_interval,
+    }
+    return figures if one.stats is None else figures | {"stats": asdict(one.stats)}
+
+
+def _stats_rows(of: Sequence[Evaluated]) -> list[list[object]]:
+    """A header, and a row for each PFSM, by its label."""
+    known = [(one, one.stats) for one in of if one.stats is not None]
+    n_states = max(len(stats.states) for _, stats in known)
+    colours = known[0][1].ground
+    header = ["FSM", *(f"state {k}" for k in range(n_states)), *(f"on {colour}" for colour in colours)]
+    rows: list[list[object]] = [[*header, "transitions/s", "neighbours", "obstacles", "speed m/s"]]
+    for one, stats in known:
+        shares = [*stats.states, *[None] * (n_states - len(stats.states)), *stats.ground.values()]
+        rows.append([one.label, *shares, stats.transitions, stats.neighbours, stats.obstacles, stats.speed])
+    return rows
+
+
+def _p_text(p: float) -> str:
+    return "< 0.0001" if p < 1e-4 else f"{p:.4f}"

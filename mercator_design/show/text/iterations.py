@@ -1,0 +1,111 @@
+"""The iterations of a race as a table, from its record; the race may be running."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
+from typing import NamedTuple
+
+from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.session.events import ExperimentDone, IterationEnded, ScoreRevised
+from mercator_design.race.session.record import Record
+from mercator_design.show.charts import ChartLine, number
+from mercator_design.show.text.columns import aligned, difference
+
+FEW = 4
+"""Scores whose interval a chart shows, at least."""
+_FIRST, _LAST = 10, 20
+"""Numbers of iterations that are shown, if there are more."""
+_HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
+
+
+class Incumbent(NamedTuple):
+    """The best configuration of an iteration, with its scores at that time.
+
+    scores: By instance; all that it has seen by the end of the iteration.
+    before: The scores of the best of the iteration before, by then; None if there was none, or it is the same one.
+    """
+
+    ended: IterationEnded
+    scores: Mapping[int, float]
+    before: Mapping[int, float] | None
+
+
+def incumbents(record: Record) -> list[Incumbent]:
+    """The best of each iteration that has ended, with the scores at that time: an evaluator may replace them later."""
+    bests = {one.elites[0] for one in record.ended}
+    finished = deque(one for one in _results_in_order(record) if one.configuration in bests)
+    scores: dict[int, dict[int, float]] = {best: {} for best in bests}
+    found: list[Incumbent] = []
+    before = None
+    for ended in record.ended:
+        while finished and record.experiments[finished[0].experiment].iteration <= ended.iteration:
+            one = finished.popleft()
+            if one.score is None:
+                scores[one.configuration].pop(one.instance, None)
+            else:
+                scores[one.configuration][one.instance] = one.score
+        best = ended.elites[0]
+        found.append(Incumbent(ended, dict(scores[best]), None if before in (None, best) else dict(scores[before])))
+        before = best
+    return found
+
+
+def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
+    """The mean of the best of each iteration over the experiments until its end, with its interval.
+
+    Fewer scores than FEW have intervals so wide that little else would be seen: these are cut off.
+    """
+    ends = accumulate(one.ended.used for one in found)
+    points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
+    x, y = [end for end, _ in points], [of.mean for _, of in points]
+    usual = [*y, *(value for _, of in points if len(of.values) >= FEW for value in of.interval)]
+    low, high = min(usual, default=0.0), max(usual, default=0.0)
+    bands = [(max(of.interval[0], low), min(of.interval[1], high)) for _, of in points]
+    return ChartLine(name, x, y, [low for low, _ in bands], [high for _, high in bands])
+
+
+def iterations_table(record: Record) -> list[str]:
+    """A line for each iteration that has ended.
+
+    The mean is that of the best configuration over the n instances that it has seen by the end of the iteration. The
+    last column is the mean difference to the best of the iteration before, on the instances that both have seen by
+    then, with its confidence interval.
+    """
+    rows: list[tuple[object, ...]] = [_HEAD, *((*iteration_cells(one), _difference(one)) for one in incumbents(record))]
+    if len(rows) > 1 + _FIRST + _LAST:
+        rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
+    return aligned(rows)
+
+
+def _results_in_order(record: Record) -> list[ExperimentDone | ScoreRevised]:
+    """The experiments in order of their numbers, and replaced scores where they were replaced."""
+    revised = [
+        one for number in record.revised if number in record.experiments for one in record.revised[number].values()
+    ]
+    return sorted([*record.experiments.values(), *revised], key=lambda one: one.experiment)
+
+
+def iteration_notes(record: Record) -> list[str]:
+    """The notes of iterations, a line each."""
+    return [f"Note       iteration {one.iteration}: {one.note}" for one in record.ended if one.note]
+
+
+def iteration_cells(incumbent: Incumbent) -> tuple[object, ...]:
+    """An iteration in a table: its name, its counts, its best, and the best's mean and number of scores."""
+    ended, own = incumbent.ended, Scores(tuple(incumbent.scores.values()))
+    numbers = (ended.budget, ended.used, ended.configurations, ended.instances, ended.alive, ended.elites[0])
+    return (iteration_name(ended), *numbers, number(own.mean) if own.values else None, len(own.values))
+
+
+def iteration_name(ended: IterationEnded) -> str:
+    """The number of an iteration; that of the last comparison is "final"."""
+    return "final" if ended.postselection else str(ended.iteration)
+
+
+def _difference(incumbent: Incumbent) -> str:
+    scores, before = incumbent.scores, incumbent.before
+    if before is None:
+        return "" if incumbent.ended.iteration == 1 else "the same"
+    common = sorted(scores.keys() & before.keys())
+    found = difference(*([one[instance] for instance in common] for one in (scores, before)))
+    return f"{found} (n={len(common)})" if found else ""

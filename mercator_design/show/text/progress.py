@@ -1,0 +1,303 @@
+"""Progress on stderr: a moving line on a terminal, plain lines elsewhere, or nothing."""
+
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Literal, NamedTuple, Protocol, Self, get_args
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
+
+from mercator_design.command import print_message
+from mercator_design.errors import printable
+from mercator_design.race.elimination.summary import Progress as RaceProgress
+from mercator_design.race.session.evaluation import Testing
+from mercator_design.race.session.events import BudgetExtended, Event, ExperimentDone, IterationEnded, TestDone
+
+Mode = Literal["auto", "plain", "rich", "none"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+"""`auto` is `rich` if stderr is a terminal, else `plain`."""
+PLAIN_EVERY = 30.0
+"""Maximum seconds between two plain lines."""
+_WIDE = 100
+"""Minimum width of a terminal for a bar and the spread of scores [characters]."""
+
+Clock = Callable[[], float]
+
+
+class _State(NamedTuple):
+    """What is shown."""
+
+    text: str
+    done: int
+    total: int
+    rate: float  # per second
+
+    @property
+    def pace(self) -> str:
+        """The rate as text."""
+        return f"{self.rate:.0f}/s" if self.rate >= 10 else f"{self.rate:.2g}/s"
+
+
+class _Line:
+    """Shows states; this one shows nothing."""
+
+    every = math.inf
+    """Seconds between two updates: to know the progress of a race takes a millisecond."""
+    is_wide = False
+    """Whether there is space for all figures."""
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def show(self, state: _State) -> None:
+        """Show the present state."""
+
+    def conclude(self, state: _State) -> None:
+        """Show the state at the end of a part of the work."""
+
+
+class _PlainLines(_Line):
+    """Prints the latest state at least every `PLAIN_EVERY` seconds, also while nothing happens."""
+
+    every = 1.0
+    is_wide = True
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._printed = clock()
+        self._state: _State | None = None
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._ended.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def show(self, state: _State) -> None:
+        self._state = state
+        self.print_if_due()
+
+    def conclude(self, state: _State) -> None:
+        with self._lock:
+            self._print(state)
+
+    def print_if_due(self) -> None:
+        """Print the latest state if the last line is old."""
+        with self._lock:
+            if self._state is not None and self._clock() - self._printed >= PLAIN_EVERY:
+                self._print(self._state)
+
+    def _run(self) -> None:
+        while not self._ended.wait(1.0):
+            self.print_if_due()
+
+    def _print(self, state: _State) -> None:
+        self._printed = self._clock()
+        total, pace = f"/{state.total}" if state.total else "", ""
+        if state.rate > 0:
+            left = (state.total - state.done) / state.rate
+            pace = f", {state.pace}" + (f", {timedelta(seconds=round(left))} left" if 0.5 < left < 1e9 else "")
+        print_message(f"{state.text}, {state.done}{total} experiments{pace}")
+
+
+class _MovingLine(_Line):
+    """A line of a terminal, with a bar if there is space."""
+
+    every = 0.1
+
+    def __init__(self, console: Console) -> None:
+        self.is_wide = console.width >= _WIDE
+        # If there is too little space, the text is cut, because the figures are more important.
+        self._progress = Progress(
+            TextColumn(
+                "{task.description}",
+                markup=False,  # names may have brackets
+                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+            ),
+            *([BarColumn(bar_width=10)] if self.is_wide else []),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.fields[rate]}", table_column=Column(no_wrap=True)),
+            TimeRemainingColumn(table_column=Column(no_wrap=True)),
+            console=console,
+            transient=True,
+            expand=True,
+            redirect_stdout=sys.stdout.isatty(),
+        )
+        self._task = self._progress.add_task("", total=None, rate="")
+
+    def start(self) -> None:
+        self._progress.start()
+
+    def stop(self) -> None:
+        self._progress.stop()
+
+    def show(self, state: _State) -> None:
+        self._progress.update(
+            self._task, completed=state.done, total=state.total, rate=state.pace, description=state.text
+        )
+
+
+class Display:
+    """Counts experiments, with their rate and the remaining time.
+
+    Args:
+        what: The text before the count.
+        total: Number of experiments; 0 if it is not known.
+        mode: How to show it.
+        clock: Seconds.
+
+    Attributes:
+        known: Number of experiments that were done before; they do not count for the rate.
+    """
+
+    def __init__(self, what: str, total: int, mode: Mode = "auto", *, clock: Clock = time.monotonic) -> None:
+        self.known = 0
+        self._clock = clock
+        self._started = clock()
+        self._shown = -math.inf
+        console = Console(stderr=True, force_terminal=True if mode == "rich" else None)
+        if mode == "auto":
+            mode = "rich" if console.is_terminal else "plain"
+        self.line = _Line()
+        if mode == "rich":
+            self.line = _MovingLine(console)
+        elif mode == "plain":
+            self.line = _PlainLines(clock)
+        self._text, self._total = what, total
+        self.show(0)
+
+    def __enter__(self) -> Self:
+        self.line.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.line.stop()
+
+    def _is_silent(self) -> bool:
+        """Whether there was an update just before."""
+        now = self._clock()
+        if now - self._shown < self.line.every:
+            return True
+        self._shown = now
+        return False
+
+    @property
+    def seconds(self) -> float:
+        """Time since the start."""
+        return self._clock() - self._started
+
+    def show(self, done: int, text: str | None = None, total: int | None = None) -> None:
+        """Set the count, the text before it, and the total."""
+        self._text = self._text if text is None else text
+        self._total = self._total if total is None else total
+        self.line.show(self._state(self._text, done))
+
+    def _state(self, text: str, done: int) -> _State:
+        rate = max(done - self.known, 0) / max(self.seconds, 1e-3)
+        return _State(printable(text), done, self._total, rate)
+
+
+class Raced(Protocol):
+    """What is shown of a task."""
+
+    @property
+    def name(self) -> str:
+        """Of the task."""
+
+    def score(self, cost: float) -> float:
+        """The score of a cost."""
+
+
+class RaceDisplay(Display):
+    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time."""
+
+    def __init__(
+        self,
+        task: Raced,
+        budget: int,
+        testing: Testing | None,
+        mode: Mode = "auto",
+        *,
+        progress: Callable[[], RaceProgress],
+        clock: Clock = time.monotonic,
+    ) -> None:
+        self._raced = task
+        self._budget = budget
+        self._testing = testing
+        self._progress = progress
+        self._elites: list[tuple[int, ...]] = []  # of each iteration that has ended
+        self._n_run = self._n_tested = 0
+        self._planned = self._progress().iterations
+        super().__init__(task.name, budget, mode, clock=clock)
+
+    @property
+    def n_tests(self) -> int:
+        """Number of tests after the iterations that have ended so far."""
+        return 0 if self._testing is None else self._testing.n_tests(self._elites)
+
+    def note(self, event: Event) -> None:
+        """Show the progress after an event."""
+        match event:
+            case ExperimentDone():
+                self._n_run += 1
+                if not self._is_silent():
+                    self._show_race()
+            case IterationEnded():
+                self._elites.append(event.elites)
+                name = "final race" if event.postselection else f"iteration {event.iteration}"
+                text = f"{self._raced.name}: {name} ended, {event.alive} alive{self._best_text(self._progress())}"
+                self.line.conclude(self._state(text, self._n_run))
+            case BudgetExtended():
+                self._budget = event.budget
+            case TestDone():
+                self._n_tested += 1
+                if not self._is_silent():
+                    self.show(self._n_tested, f"{self._raced.name}: testing", self.n_tests)
+
+    def _show_race(self) -> None:
+        now = self._progress()
+        # After the last iteration, the rest of the budget goes into a race of the best.
+        is_final = 0 < now.iterations < now.iteration
+        stage = "final race" if is_final else f"iteration {now.iteration}"
+        if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
+            stage += f"/{now.iterations}"
+        text = f"{self._raced.name}: {stage}, {now.alive} alive{self._best_text(now)}"
+        self.show(self._n_run, text, self._budget)
+
+    def _best_text(self, now: RaceProgress) -> str:
+        best = now.best
+        if best is None:
+            return ""
+        sd = f"sd {best.sd:.3g}, " if best.n_results > 1 else ""
+        how = f" ({sd}n={best.n_results})" if self.line.is_wide else ""
+        return f", best {self._raced.score(best.mean):.4g}{how}"
+
+
+class AblationDisplay(Display):
+    """Progress of an ablation, whose length is not known."""
+
+    def __init__(self) -> None:
+        super().__init__("ablation", 0)
+        self._is_started = False
+
+    def __enter__(self) -> Self:
+        return self  # it starts with the first experiment, as there may be none
+
+    def update(self, step: int, done: int) -> None:
+        """Show the current step and the number of experiments done."""
+        if not self._is_silent():
+            if not self._is_started:
+                self._is_started = True
+                self.line.start()
+            self.show(done, f"ablation: step {step + 1}")

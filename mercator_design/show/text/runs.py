@@ -1,0 +1,238 @@
+"""Reports on races from their journals: a table of all, or a page on one."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from mercator_design.errors import RaceError, printable
+from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.race.session.events import SessionStarted, SessionStopped
+from mercator_design.race.session.journal import Reading, is_locked
+from mercator_design.results.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
+from mercator_design.show.charts import Axis
+from mercator_design.show.text.columns import aligned, narrowed
+from mercator_design.show.text.iterations import best_line, incumbents, iteration_notes, iterations_table
+from mercator_design.show.text.summary import test_lines
+
+_COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
+_DISPENSABLE = ("started", "seed", "name", "budget")
+
+
+def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
+    """A table of the races in the subfolders of a folder, and notes on damaged ones.
+
+    Args:
+        folder: The folder.
+        width: Of a line [characters]; less important columns are left out if there is too little space. None: no limit.
+
+    Raises:
+        RaceError: if there is no such folder.
+    """
+    found = _runs(folder)
+    head = ["mean" if name == "score" else name for name in _COLUMNS]
+    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in _COLUMNS] for run in found]
+    wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
+    return "\n".join(narrowed([head, *rows], _DISPENSABLE, width)), [note for run in wrong for note in run["notes"]]
+
+
+def runs_json(folder: Path) -> str:
+    """The table as JSON.
+
+    Raises:
+        RaceError: if there is no such folder.
+    """
+    return json.dumps(_runs(folder), indent=2)
+
+
+def run_summary(path: Path) -> str:
+    """A page on the race of a run folder.
+
+    Raises:
+        RaceError: if there is no race, or its journal is corrupt.
+    """
+    reading = read_journal(path)
+    record, run = reading.record, run_of(path, reading)
+    if not record.start:
+        return f"{path}: no race has begun here yet"
+    task = TASKS[record.start["task"]]
+    counted = {(one.configuration, one.instance) for one in record.experiments.values()}
+    n_extra = sum(place not in counted for place in record.speculative)
+    failed = sum(one.score is None for one in record.results())
+    extended = ", ".join(map(str, record.budgets[:-1]))
+    lines = [
+        *task.about(record.start),
+        f"Race       {record.start['method']}, {run['experiments']} of {run['budget']} experiments, "
+        f"{len(record.configurations)} configurations",
+        *([f"Extended   from a budget of {extended}"] if extended else []),
+        *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
+        *([f"Extra      {n_extra} speculative experiment{'s' * (n_extra != 1)}, not counted"] if n_extra else []),
+        f"State      {run['state']}",
+        *(f"           {_session(session)}" for session in record.sessions),
+        *([f"Note       {reading.torn}: incomplete, for example after a loss of power"] if reading.torn else []),
+        *(f"Note       {note}" for note in run["notes"]),
+        f"Digest     {record.digest()}",
+    ]
+    if record.iterations:
+        lines += ["", *iterations_table(record), *iteration_notes(record), ""]
+    if run["winner"] is not None:
+        winner = [record.configurations[run["winner"]]]
+        task.check(record.start, winner)
+        columns = task.columns(record.start, winner)
+        tests = {number: Scores(scores) for number, scores in record.test_scores().items()}
+        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
+        lines += test_lines(record, tests, "on fresh instances")
+        lines += [""]
+        lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
+    return "\n".join(map(printable, lines))
+
+
+def side_by_side(folders: Sequence[Path]) -> str:
+    """Races as the columns of a table.
+
+    Raises:
+        RaceError: A folder has no race that has begun, or its journal is corrupt.
+    """
+    columns = [_cells(folder, _begun(folder)) for folder in folders]
+    rows = zip(columns[0], *(column.values() for column in columns), strict=True)
+    return "\n".join(aligned([row for row in rows if any(cell is not None for cell in row[1:])]))
+
+
+def races_json(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """What `runs_json` says of each race; errors are those of `side_by_side`."""
+    return [run_of(folder, _begun(folder)) for folder in folders]
+
+
+def _begun(folder: Path) -> Reading:
+    reading = read_journal(folder)
+    if not reading.record.start:
+        raise RaceError(f"{folder}: expected a race that has begun, found none")
+    return reading
+
+
+def _cells(folder: Path, reading: Reading) -> dict[str, object]:
+    """The column of a race."""
+    record, run = reading.record, run_of(folder, reading)
+    start, winner = record.start, run["winner"]
+    return {
+        "": str(folder),
+        "name": start["name"],
+        "task": start["task"],
+        "mission digest": start.get("mission_digest"),
+        "robot model": start.get("robot_model"),
+        "flavour": start.get("flavour"),
+        "method": start["method"],
+        "seed": start["seed"],
+        "budget": record.budget,
+        "experiments": run["experiments"],
+        "iterations": len(record.iterations),
+        "configurations": len(record.configurations),
+        "state": run["state"],
+        "winner": winner,
+        **_scores("race", [*record.scores_of(winner).values()]),
+        **_scores("test", record.test_scores().get(winner, ())),
+    }
+
+
+def _scores(where: str, scores: Sequence[float]) -> dict[str, object]:
+    """Mean, confidence interval and number of scores, in cells of their own, so that several races fit a line."""
+    of = Scores(tuple(scores))
+    interval = of.confidence_interval if scores else None
+    return {
+        f"{where} mean": f"{of.mean:.4g}" if scores else None,
+        f"{where} interval": None if interval is None else f"{interval[0]:.3g} to {interval[1]:.3g}",
+        f"{where} scores": len(scores) or None,
+    }
+
+
+def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
+    """Draw the best of each iteration over the experiments so far, a line with its confidence band for each race.
+
+    The suffix of the path, .png or .svg, is the format; the command that draws the picture is in its caption.
+
+    Raises:
+        OSError: The picture cannot be written.
+        RaceError: As `side_by_side`.
+    """
+    from mercator_design.show.pictures.figures import save_curves
+
+    lines, names = [], []
+    for folder in folders:
+        record = _begun(folder).record
+        lines.append(best_line(printable(str(folder)), incumbents(record)))
+        names.append(printable(str(record.start["name"])))
+    caption = (
+        f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"
+    )
+    y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
+    title = ", ".join(dict.fromkeys(names))
+    save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption)
+
+
+def _runs(folder: Path) -> list[dict[str, Any]]:
+    try:
+        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
+        found = folder.is_dir()
+    except OSError as error:
+        raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise RaceError(f"{folder}: no such folder")
+    runs = []
+    for journal in journals:
+        try:
+            runs.append(run_of(journal.parent, read_journal(journal.parent)))
+        except RaceError as error:
+            state = "of another version" if isinstance(error, OtherVersion) else "damaged"
+            notes = [*error.messages]
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state, "notes": notes})
+    return runs
+
+
+def _modified(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except OSError:  # a broken link, or just removed
+        return 0.0
+
+
+_KEYS = (*_COLUMNS, "winner", "notes")
+
+
+def run_of(path: Path, reading: Reading) -> dict[str, Any]:
+    """What a table of races says of one: see `_KEYS`."""
+    record = reading.record
+    run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
+    is_running, missing = is_locked(path / JOURNAL), ""
+    try:
+        missing = wrong_end(path, record)
+        notes = [missing] if missing else []
+    except RaceError as error:
+        notes = [*error.messages]
+    if is_running:
+        run["state"] = "running"
+    elif missing:
+        run["state"] = "damaged" if record.is_complete else "end missing"
+    elif record.start and record.is_complete:
+        run["state"] = "finished"
+    else:
+        run["state"] = "stopped"
+    run["notes"] = [] if is_running else notes
+    if record.start:
+        run |= {name: record.start[name] for name in ("name", "method", "seed")}
+        run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
+    if record.sessions:
+        run["started"] = record.sessions[0].time
+    if record.ends:
+        winner = record.ends[-1].winner
+        run |= {"winner": winner, "score": fmean(record.scores_of(winner).values())}
+        if tests := record.test_scores().get(winner):
+            run["tested"] = fmean(tests)
+    return run
+
+
+def _session(session: SessionStarted | SessionStopped) -> str:
+    if isinstance(session, SessionStopped):
+        return f"{session.time}  stopped: {session.why}"
+    how = f"{session.executor}, {session.jobs} jobs" if session.executor else ""
+    return f"{session.time}  process {session.process} on {session.host}: {how}"

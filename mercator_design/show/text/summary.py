@@ -1,0 +1,158 @@
+"""The summary of a race, as text."""
+
+import shlex
+from collections.abc import Container, Mapping
+from pathlib import Path
+from typing import Any
+
+from mercator_design.designer import Designer
+from mercator_design.errors import printable
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.text import to_text
+from mercator_design.fsm.words.modules import with_parameters
+from mercator_design.missions.plugins import plugins
+from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.race.session.record import Record
+from mercator_design.race.session.task import RaceResult, Task
+from mercator_design.results.folder import RunFolder
+from mercator_design.show.text.columns import aligned
+from mercator_design.show.text.iterations import iteration_notes, iterations_table
+from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
+
+_FILES = ("results.csv", "journal.jsonl", "provenance.json")
+
+
+def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int, seconds: float, jobs: int) -> str:
+    """The request, the iterations, the winner and the files of a race.
+
+    Args:
+        result: The result of the race.
+        folder: The run folder.
+        new: Number of experiments that this process has run.
+        tested: Number of tests that this process has run.
+        seconds: Run time of this process.
+        jobs: Number of experiments that ran at the same time.
+    """
+    task, record, optimizer = folder.task, folder.journal.record, folder.task.optimizer
+    all_equal = len({one.score for one in result.finished}) == 1
+    failed = sum(one.score is None for one in result.finished)
+    iterations = sum(not iteration.postselection for iteration in optimizer.iterations)
+    if new + tested:
+        now = "" if new == optimizer.used else f"{new} of them now, "
+        now += f"{seconds:.1f} s with {jobs} job{'s' * (jobs != 1)}, "
+        now += f"{(new + tested) / max(seconds, 1e-3):.0f} experiments/s"
+    else:
+        now = "it had ended: continue with --resume and a larger budget"
+    lines = [
+        *_request(task),
+        f"Race       {task.method}, {optimizer.used} of {optimizer.budget} experiments, "
+        f"{iterations} iteration{'s' * (iterations != 1)}, seed {optimizer.seed}; {now}",
+        *(task.runs(new, tested) if new + tested else []),
+        *(f"Note       {note}" for note in optimizer.notes),
+        "",
+        *iterations_table(record),
+        f"Ended: {'the whole budget is used' if optimizer.used == optimizer.budget else optimizer.stop_reason}",
+        *iteration_notes(record),
+        *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
+        *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
+        "",
+        *(_design(result, task, record, folder.path) if isinstance(task, Designer) else _elites(result, task, record)),
+        "",
+        f"Written    {folder.path}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
+    ]
+    return "\n".join(map(printable, lines)) + "\n"
+
+
+def _request(task: Task[Any]) -> list[str]:
+    if not isinstance(task, Designer):
+        return task.about(task.start())
+    mission, model = task.simulator.mission, task.simulator.robot_model
+    objective = mission.objective
+    dead = dead_conditions(mission, model, task.flavour)
+    return [
+        f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
+        f"{objective.direction} {objective.name}",
+        f"Designed   with {task.flavour}, for robot {model.name}",
+        *([f"Note       never fires on this mission: {', '.join(dead)}"] if dead else []),
+    ]
+
+
+def _design(result: RaceResult, designer: Designer, record: Record, folder: Path) -> list[str]:
+    pfsm, scores = designer.pfsm(result.configuration), result.scores
+    dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
+    spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
+    loaded = [word for plugin in plugins() for word in ("--plugin", str(plugin.file))]
+    evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *loaded]
+    again = [*evaluate, "-n", str(max((len(scores.values) for scores in result.tests.values()), default=0))]
+    return [
+        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} "
+        f"({spread}n={len(scores.values)}) over the race's instances"
+        f"{'' if result.tests else '; measure it on fresh ones:'}",
+        *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
+        *test_lines(record, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
+        *(f"           {line}" for line in describe(pfsm, dead)),
+        "",
+        to_text(pfsm),
+    ]
+
+
+def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
+    """The best configurations as a table with a line for each parameter, and the best one as a command line."""
+    optimizer = task.optimizer
+    numbers = [elite.configuration for elite in optimizer.elites]
+    columns = task.columns(task.start(), [optimizer.configurations[number] for number in numbers])
+    rows: list[list[object]] = [
+        ["configuration", *numbers],
+        ["mean", *(f"{task.score(elite.mean):.6g}" for elite in optimizer.elites)],
+        ["experiments", *(elite.n_results for elite in optimizer.elites)],
+        *([name, *values] for name, values in columns.items()),
+    ]
+    tests = test_lines(record, result.tests, "on fresh instances, beyond the budget")
+    return ["Best", *aligned(rows), *tests, "", optimizer.space.command_line(optimizer.configurations[numbers[0]])]
+
+
+def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:
+    """How tests were made, then a line for each configuration: the winner, other elites, those of iterations before."""
+    if not tests:
+        return []
+    roles = _roles(record)
+    rows = [
+        (f"configuration {number}", roles.get(number), _scores_text(tests[number]))
+        for number in dict.fromkeys([*roles, *tests])
+        if number in tests
+    ]
+    return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
+
+
+def _roles(record: Record) -> dict[int, str]:
+    """The roles of configurations in a race that has ended: their best one, and the latest of equal ones."""
+    iterations = record.ended[::-1]
+    last, former = iterations[:1], iterations[1:]
+    roles = {record.ends[-1].winner: "winner"}
+    for rank, number in enumerate(last[0].elites if last else (), start=1):
+        roles.setdefault(number, f"elite {rank}")
+    for rank in range(1, max((len(one.elites) for one in former), default=0) + 1):
+        called = "best" if rank == 1 else f"elite {rank}"
+        for one in former:
+            for number in one.elites[rank - 1 : rank]:
+                roles.setdefault(number, f"{called} of iteration {one.iteration}")
+    return roles
+
+
+def _scores_text(scores: Scores) -> str:
+    """Mean, confidence interval and number of tests."""
+    interval = scores.confidence_interval
+    around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
+    return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
+
+
+def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
+    """A PFSM in words, a line for each state and transition; dead transitions, by state and number, never fire."""
+    lines = []
+    for i, state in enumerate(pfsm.states):
+        lines.append(f"state {i}: {with_parameters(state.behaviour, state.parameters)}")
+        for j, transition in enumerate(state.transitions):
+            condition = with_parameters(transition.condition, transition.parameters)
+            never = ", which never fires on this mission" if (i, j) in dead else ""
+            lines.append(f"  -> {transition.target} on {condition}{never}")
+    return lines

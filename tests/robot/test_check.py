@@ -18,6 +18,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 from mercator_design.robot.setup import check as checking
 from mercator_design.robot.setup.check import check_clock, check_console, check_programs, check_uart
+from mercator_design.robot.setup.judging import rate_of
 from tests.processes import started
 from tests.robot.devices import CLEAR
 
@@ -211,7 +212,10 @@ def test_a_lidar_around_which_nothing_is_may_be_fine(robot_command, found, devic
     code, out, _ = robot_command("check", "--robot", tmp_path / "robot.yaml")
     (row,) = [line for line in out.splitlines() if "lidar's sight" in line]
     assert row.startswith("look   lidar's sight")
-    assert "0 readings in a turn; is there nothing at its height, or has its laser failed?" in row
+    assert (
+        "0 readings in a turn; is there nothing at its height within 12 m, is it covered, or has its laser failed"
+        in row
+    )
 
 
 @pytest.mark.parametrize("left_out", [["lidar"], ["proximity", "lidar"]])
@@ -315,9 +319,9 @@ def test_a_motor_that_does_not_turn(found, devices):
 
 def test_rates_are_of_what_lies_between():
     """Not of what is counted in two seconds, which of 6.25 a second is 6 or 6.5; what has ceased is slow."""
-    assert checking._rate([0.1 + 0.16 * k for k in range(12)]) == pytest.approx(6.25)
-    assert checking._rate([0.1, 0.2, 0.3]) < 2.0
-    assert (checking._rate([0.1]), checking._rate([])) == (0.0, 0.0)
+    assert rate_of([0.1 + 0.16 * k for k in range(12)], 2.0) == pytest.approx(6.25)
+    assert rate_of([0.1, 0.2, 0.3], 2.0) < 2.0
+    assert (rate_of([0.1], 2.0), rate_of([], 2.0)) == (0.0, 0.0)
 
 
 def test_a_clock_that_was_never_set(tmp_path, monkeypatch):

@@ -44,6 +44,11 @@ _DAMAGED_LINE: Mapping[DeviceName, str] = {
     "lidar": "is its cable loose, too long, or beside one of a motor, and is it an X4, which sends at 128000 baud?",
     "proximity": "is its USB cable loose, too long, or beside one of a motor?",
 }
+_FOREIGN: Mapping[DeviceName, str] = {
+    "rvr": "another device, or another baud rate",
+    "lidar": "another model or mode, another device, or another baud rate",
+    "proximity": "another device, or another baud rate",
+}
 _JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
 
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
@@ -130,7 +135,7 @@ class Link:
         self,
         device: DeviceName,
         command: Callable[[], bytes],
-        kind: type[E],
+        kind: type[E] | tuple[type[E], ...],
         answers: Callable[[E], bool] = lambda _: True,
     ) -> E:
         """Send a command until the device answers, and return the answer; errors are those of `ask`."""
@@ -159,7 +164,7 @@ class Link:
         lost = self._decoders[device].counts.lost
         if lost <= (_MUCH if device in self._understood else 0):
             return remedy
-        return f"{remedy} ({lost} bytes from it make no sense: another device, or another baud rate)"
+        return f"{remedy} ({lost} bytes from it make no sense: {_FOREIGN[device]})"
 
     def poll(self, until: float = -math.inf) -> Iterator[Heard]:
         """Read the devices until a time [s, of time.monotonic()], once at least; yield each event when it is read.
@@ -188,7 +193,7 @@ class Link:
         while time.monotonic() < end and select.select(self._open, [], [], _PAUSE)[0]:
             yield from self.poll()
 
-    def wait_for(self, kind: type[E], matches: Callable[[E], bool], seconds: float) -> E | None:
+    def wait_for(self, kind: type[E] | tuple[type[E], ...], matches: Callable[[E], bool], seconds: float) -> E | None:
         """Read the devices until an event of a kind matches, for `seconds` at most; None if none does.
 
         `poll` yields all that was read. Errors are those of `poll`.

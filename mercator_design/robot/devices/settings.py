@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -15,8 +15,10 @@ from mercator_design.errors import FsmError, SettingsError, excerpt
 from mercator_design.fsm.perception import nearest_label
 from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.robot.devices.ports import PortNames
+from mercator_design.robot.devices.sweep import covered
 
 Angle = Annotated[float, Range(-7.0, 7.0)]
+Degrees = Annotated[float, Range(-360.0, 360.0)]
 Age = Annotated[float, Range(0.3, 10.0)]
 Offset = Annotated[float, Range(-0.2, 0.2)]
 Speed = Annotated[float, Range(0.01, 1.55)]
@@ -50,6 +52,9 @@ class Limits:
     battery_critical: Percentage = (
         5.0  # [%] charge below which the robot stops; also if the RVR reports that it is critical
     )
+    lidar_blind: Annotated[float, Range(2.0, 3600.0)] | None = (
+        5.0  # [s] for which the lidar may see nothing, of twice that time; null: for ever
+    )
     stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] maximum time for which a tread may be stuck
     unending_commands: bool = False  # whether to run if the RVR reports that it drives on without commands for 0.3 s
 
@@ -57,6 +62,26 @@ class Limits:
         if self.battery_low < self.battery_critical:
             critical = f"battery_critical, {self.battery_critical:g} %"
             raise FieldError("battery_low", f"expected at least {critical}, found {self.battery_low:g}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarSettings:
+    """What the lidar cannot see."""
+
+    blind: Annotated[
+        tuple[tuple[Degrees, Degrees], ...], Length(0, 36)
+    ] = ()  # [degrees, counter-clockwise from the robot's front] sectors, each from its first angle to its second
+
+    def __post_init__(self) -> None:
+        checked(self._mistakes())
+
+    def _mistakes(self) -> Iterator[FieldError]:
+        for number, (first, last) in enumerate(self.blind):
+            if (last - first) % 360.0 == 0.0:
+                found = f"found [{first:g}, {last:g}]"
+                yield FieldError(f"blind[{number}]", f"expected two angles, from the first to the second; {found}")
+        if self.blind and all(covered(self.blind)):
+            yield FieldError("blind", "expected sectors that leave something to see; use --without lidar instead")
 
 
 def check_key(key: str, place: str) -> None:
@@ -102,6 +127,7 @@ class Settings(FromFile):
     proximity_angles: Annotated[tuple[Angle, ...], Length(8, 8)] = _RING  # [rad] of the hub's sensors, in its order
     proximity_offsets: Annotated[tuple[Offset, ...], Length(8, 8)] = (0.0,) * 8  # [m] that each of them reads too much
     lidar_angle: Angle = 0.0  # [rad] of the lidar's front from the robot's
+    lidar: LidarSettings = LidarSettings()
     swarm: SwarmSettings = SwarmSettings()
     reference_model: ReferenceModel = ReferenceModel()
 

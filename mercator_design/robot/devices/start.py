@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple, TypeVar
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.health import charge
-from mercator_design.robot.devices.link import Link
+from mercator_design.robot.devices.link import ANSWER_WAIT, Link
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import Acknowledgement
 from mercator_design.robot.protocols.rvr import Notification
 from mercator_design.robot.protocols.rvr_messages import Processor
-from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, ScanStarted, encode_command
+from mercator_design.robot.protocols.ydlidar import MODEL, DeviceInfo, Health, Packet, ScanStarted, encode_command
 
 _ERROR = 2  # health of a lidar
 _TRIES = 5  # to get the same answer twice from a lidar
@@ -37,18 +37,49 @@ class RvrIdentity(NamedTuple):
 class LidarIdentity(NamedTuple):
     """Identity and health of a lidar."""
 
-    info: DeviceInfo | None  # None if no two answers were the same
-    warning: int | None  # its code; None if there is none
+    info: DeviceInfo | None  # None if there was no answer, or no two answers were the same
+    health: Health | None  # None if there was no answer
+    has_answered: bool = True  # whether there was an answer to `device_info`
+    is_one_way: bool = False  # whether it sends packets unasked, and answers nothing
+
+    @property
+    def warning(self) -> int | None:
+        """The code of its warning; None if there is none."""
+        return self.health.error_code if self.health is not None and self.health.status else None
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
         info = self.info
-        facts = {"lidar": "model and firmware are not certain: all answers differ"}
         if info is not None:
-            facts["lidar"] = f"model {info.model}, firmware {info.firmware[0]}.{info.firmware[1]}, serial {info.serial}"
-        if self.warning is not None:
+            model = f"model {info.model}, firmware {info.firmware[0]}.{info.firmware[1]}, serial {info.serial}"
+        elif self.has_answered:
+            model = "model and firmware are not certain: all answers differ"
+        else:
+            model = "model and firmware are not known: no answer"
+        facts = {"lidar": model}
+        if self.health is None:
+            facts["lidar_health"] = "not known: no answer"
+        elif self.warning is not None:
             facts["lidar_health"] = f"a warning, {self.warning:#x}"
         return facts
+
+    def doubts(self) -> dict[str, str]:
+        """What is unusual, although a run is possible, by names of `words`."""
+        if self.is_one_way:
+            return {
+                "lidar": "it sends unasked and answers nothing: is it a one-way model, or is the wire to its RX loose? "
+                "It cannot be asked for its health"
+            }
+        found = {}
+        if self.info is None and not self.has_answered:
+            found["lidar"] = "it does not answer which model it is: is it an X4?"
+        elif self.info is not None and self.info.model != MODEL:
+            found["lidar"] = (
+                f"it is model {self.info.model}, not an X4 (model {MODEL}): its angles, ranges and rate may differ"
+            )
+        if self.health is None:
+            found["lidar_health"] = "it does not answer how it is; an X4 does"
+        return found
 
 
 def firmware_name(processor: Processor) -> str:
@@ -95,33 +126,43 @@ def stop_rvr(link: Link) -> None:
 
 
 def start_lidar(link: Link) -> LidarIdentity:
-    """Start the lidar's motor and its scan; return its identity and health.
+    """Start the lidar's motor and its scan; return its identity and health, which a run does not need.
 
     Raises:
-        RobotError: if it does not answer, has an error, or its answers about its health differ.
+        RobotError: if it neither answers nor scans, has an error, or its answers about its health differ.
     """
     stop_lidar(link)
     link.lines["lidar"].set_dtr(high=True)
-    health = _agreed(link, "health", Health)
-    if health is None:
+    health, has_answered = _agreed(link, "health", Health)
+    if health is None and has_answered:
         raise RobotError(f"its answers about its health differ; {link.damage_remedy('lidar')}", device="lidar")
-    if health.status == _ERROR:
+    if health is not None and health.status == _ERROR:
         code = f"{health.error_code:#x}"
         raise RobotError(f"it reports an error, {code}; take its power away for a moment", device="lidar")
-    info = _agreed(link, "device_info", DeviceInfo)
-    link.exchange("lidar", partial(_behind_stop, "scan"), ScanStarted)
-    return LidarIdentity(info, health.error_code if health.status else None)
+    if not has_answered and link.wait_for(Packet, lambda _: True, ANSWER_WAIT) is not None:
+        return LidarIdentity(None, None, has_answered=False, is_one_way=True)
+    info, has_answered = _agreed(link, "device_info", DeviceInfo)
+    link.exchange("lidar", partial(_behind_stop, "scan"), (ScanStarted, Packet))
+    return LidarIdentity(info, health, has_answered)
 
 
-def _agreed(link: Link, command: str, kind: type[S]) -> S | None:
-    """The lidar's answer to a command, given twice, as answers have no checksum; None if all answers differ."""
+def _agreed(link: Link, command: str, kind: type[S]) -> tuple[S | None, bool]:
+    """The lidar's answer to a command, given twice, as answers have no checksum; and whether there was any.
+
+    None if all answers differ, or there is none.
+    """
     answers: list[S] = []
     for _ in range(_TRIES):
-        said = link.exchange("lidar", partial(_behind_stop, command), kind)
+        try:
+            said = link.exchange("lidar", partial(_behind_stop, command), kind)
+        except RobotStopped:
+            raise
+        except RobotError:
+            break
         if said in answers:
-            return said
+            return said, True
         answers.append(said)
-    return None
+    return None, bool(answers)
 
 
 def _behind_stop(command: str) -> bytes:

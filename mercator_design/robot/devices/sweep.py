@@ -6,17 +6,18 @@ whole turns that are lost show by the time that passes.
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, TURN, Packet, angle_ahead
+from mercator_design.robot.protocols.ydlidar import MAX_RANGE, SAMPLE_RATE, TURN, Packet, angle_ahead
 
 BINS = 1440
 """Bins of the ring: more than an X4 has samples in a turn, so that each sample has its own bin."""
 STEP = math.tau / BINS
 """[rad] from one bin to the next; the first is at the front."""
-MIN_READINGS = 2
-"""Readings in a turn of a lidar that works."""
+Sector: TypeAlias = tuple[float, float]
+"""Two angles [degrees, counter-clockwise from the robot's front]: from the first one on to the second."""
 
 _GAP = 4 * 64  # between packets, above which samples are missing; samples are 0.36 to 0.86 degrees apart
 _ASIDE = 2 * 64  # margin of a gap, as turns differ
@@ -24,6 +25,16 @@ _SURE = 0.9  # part of the samples that a lidar has measured at least in a time
 _MAX_MISSING = 0.6 * TURN  # angle that is missing, above which it is a whole turn
 _LATE = 0.1  # [s] for packets that are read late
 _SAME_PASS = 90 * 64  # less than a turn, and more than two packets, of which corrected angles may overlap
+
+
+def covered(sectors: Iterable[Sector]) -> bytes:
+    """For each bin, counted from the robot's front, whether one of the sectors covers it."""
+    covers = bytearray(BINS)
+    for first, last in sectors:
+        begin = math.ceil(first * BINS / 360.0)
+        for k in range(begin, begin + math.floor((last - first) % 360.0 * BINS / 360.0) + 1):
+            covers[k % BINS] = True
+    return bytes(covers)
 
 
 class Swept(NamedTuple):
@@ -45,9 +56,15 @@ class Sweep:
     swept: The angle that the lidar has turned, relative to the robot, and the lost part.
     """
 
-    def __init__(self, front: float = 0.0) -> None:
-        """Make one without ranges; `front` is the angle of the lidar's front from the robot's [rad]."""
-        self._front = front
+    def __init__(self, front: float = 0.0, blind: Iterable[Sector] = ()) -> None:
+        """Make one without ranges.
+
+        Args:
+            front: Angle of the lidar's front from the robot's [rad].
+            blind: Sectors of which readings are ignored.
+        """
+        self._front, self._blind = front, covered(blind)
+        self._is_partly_blind = any(self._blind)
         self._ranges = [0.0] * BINS
         self._written = [-TURN] * BINS  # angle swept at the end of the packet
         self._places = [-TURN] * BINS  # angle swept at the sample itself
@@ -79,6 +96,8 @@ class Sweep:
         if packet.is_suspect:
             return False
         is_gap = self._count(packet, read)
+        if self._is_partly_blind:
+            packet = self._masked(packet)
         packet = replace(packet, first=_seen(packet.first, began), last=_seen(packet.last, ended))
         if self._last is not None:
             ahead = angle_ahead(self._last, packet.first)
@@ -90,9 +109,9 @@ class Sweep:
             self._gaps.popleft()
         step = span / max(len(packet.samples) - 1, 1)
         for i, (angle, distance) in enumerate(packet.points()):
-            if distance <= 0.0:
+            if not 0.0 < distance <= MAX_RANGE:
                 continue
-            k = round((angle + self._front) / STEP) % BINS
+            k = self._bin(angle)
             # Corrected angles of near and far samples overlap: the nearer one counts.
             if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):
                 self._ranges[k] = distance
@@ -104,6 +123,16 @@ class Sweep:
         self._swept += span
         self._last = packet.last
         return ends
+
+    def _bin(self, angle: float) -> int:
+        """The bin of a reading at an angle from the lidar's front [rad]."""
+        return round((angle + self._front) / STEP) % BINS
+
+    def _masked(self, packet: Packet) -> Packet:
+        """A packet without the readings in blind sectors."""
+        seen = zip(packet.samples, packet.points(), strict=True)
+        samples = tuple(0 if self._blind[self._bin(angle)] else sample for sample, (angle, _) in seen)
+        return replace(packet, samples=samples)
 
     def _count(self, packet: Packet, read: float) -> bool:
         """Add a packet to `swept`; return whether samples before it are missing."""

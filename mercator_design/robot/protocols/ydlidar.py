@@ -35,6 +35,10 @@ TURN = 360 * 64
 """A full turn; the unit of angles in packets is a 64th of a degree."""
 SAMPLE_RATE = 5000
 """Samples per second of an X4 (data sheet)."""
+MODEL = 6
+"""The model number of an X4."""
+MAX_RANGE = 12.0
+"""[m] beyond which a sample is no reading (maker's ROS driver)."""
 MAX_SAMPLES = 80
 """Samples in a packet, from the SDK; an X4 sends 40."""
 MAX_TURN_SAMPLES = 10_000

@@ -273,7 +273,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
     with in_control(settings, DEVICE_OF, settings.labels_of({}), None) as control:
         robot = control.robot
         robot.introduce(report)
-        sweep = Sweep(settings.lidar_angle)  # in the robot's frame
+        sweep = Sweep(settings.lidar_angle, settings.lidar.blind)  # in the robot's frame
         orders, reports = Orders(robot.brake, silence, report), Reports(robot.senses, sweep, node.namespace, rate)
         robot.notes.send_to(report)
         node.obey(robot.brake, orders)

@@ -76,6 +76,7 @@ class Mercator:
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
         self.monitor = Monitor(settings.limits, self.senses, self._link.answers, self._link.damage_remedy)
         self.facts: dict[str, Any] = {}
+        self._doubts: list[str] = []
         self.notes = Notes()
         self.stop_failure = ""
         self.brake = Brake(
@@ -88,6 +89,9 @@ class Mercator:
         report(f"{self._settings.name}: {facts}")
         if not self._do_commands_end:
             report(f"Warning: not confirmed that the RVR stops by itself {COMMANDS_END:g} s after the last command")
+        for doubt in self._doubts:
+            report(f"Warning: {doubt}")
+            self.notes.add(Note(doubt))
         swarm = self._settings.swarm
         if swarm.heartbeat is not None and swarm.key is None:
             unsigned = "heartbeats are not signed: anybody in the network can keep this robot running"
@@ -108,8 +112,7 @@ class Mercator:
         """Take in events as they come, then check the devices; errors are those of `attend`."""
         for heard in events:
             taken.append(heard)
-            if self.senses.take(*heard):
-                self._add_notes(self.monitor.end_turn())
+            self.senses.take(*heard)
             self._add_notes(self.monitor.take(heard.event))
             if isinstance(heard.event, Response) and heard.event.name == _DRIVE and heard.event.error:
                 self._refuse_drive(heard.event.error)
@@ -150,7 +153,8 @@ class Mercator:
         return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
 
     def _remedy(self, found: Stale) -> str:
-        return self._link.damage_remedy(found.device) if found.is_damaged else self._link.remedy(found.device)
+        remedy = self._link.damage_remedy if found.is_damaged else self._link.remedy
+        return found.remedy or remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads at fractions of their maximum speed; a dry run leaves them at rest.
@@ -211,7 +215,9 @@ class Mercator:
             link.ask(name, processor, **values)
         self.attend(time.monotonic())  # the lidar does not start with a critical battery
         if "lidar" in link.lines:
-            self.facts |= start_lidar(link).words()
+            lidar = start_lidar(link)
+            self.facts |= lidar.words()
+            self._doubts += [f"lidar: {doubt}" for doubt in lidar.doubts().values()]
         if "proximity" in link.lines:
             start_hub(link)
         self._await_samples()

@@ -17,7 +17,6 @@ from mercator_design.robot.devices.health import (
 from mercator_design.robot.devices.link import Event, words
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.settings import Limits
-from mercator_design.robot.devices.sweep import MIN_READINGS
 from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.rvr import Notification, Response
 from mercator_design.robot.run.senses import Senses
@@ -77,7 +76,6 @@ class Monitor:
         self._senses, self._answers, self._remedy = senses, answers, damage_remedy
         self._rvr = RvrHealth(limits)
         self._answered = LineHealth(limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
-        self._is_blind = False
 
     def take(self, event: Event) -> Iterator[Note]:
         """Take in an event; yield notes on it.
@@ -101,14 +99,8 @@ class Monitor:
         for text in self._rvr.take(event.name, event.values):
             yield Note(text, matters=True)
 
-    def end_turn(self) -> Iterator[Note]:
-        """Take in the end of a turn of the lidar; note if it is nearly empty, as when the laser fails."""
-        was_blind, self._is_blind = self._is_blind, self._senses.sight < MIN_READINGS
-        if was_blind != self._is_blind:
-            yield Note("lidar: sees nothing" if self._is_blind else "lidar: sees something again")
-
     def check(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
-        """Check at a time [s] the lines, with the counts of their bytes so far, and whether a tread is stuck.
+        """Check at a time [s] the lines, with the counts of their bytes so far, the lidar's sight, and the treads.
 
         Raises:
             RobotStopped: if a tread is stuck for too long, or too few commands are answered.
@@ -119,6 +111,8 @@ class Monitor:
             line = self._senses.lines[device]
             is_worse = line.check(now, lost, received)
             yield from self._changed(device, line, is_worse, "of what it sends arrives whole", "it counts as silent")
+        for text in self._senses.sight.check(now):
+            yield Note(f"lidar: {text}", matters=True)
         answers, line = self._answers, self._answered
         answers.check(now)
         is_worse, answered = line.check(now, answers.lost, answers.all), "of the commands to it are answered"
@@ -146,7 +140,7 @@ class Monitor:
         answers = self._answers
         found["rvr"] += [round(self._answered.share, 4), answers.all, answers.lost, answers.repeated]
         if "lidar" in found:
-            found["lidar"].append(self._senses.sight)
+            found["lidar"].append(self._senses.sight.readings)
         return found
 
     def forget(self) -> None:

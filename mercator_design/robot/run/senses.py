@@ -17,6 +17,7 @@ from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.ports import DEVICES, DeviceName
 from mercator_design.robot.devices.samples import Sample, converted, heading
 from mercator_design.robot.devices.settings import Settings, nearest
+from mercator_design.robot.devices.sight import REMEDY, Sight
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
 from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet
 
@@ -31,6 +32,7 @@ class Stale(NamedTuple):
     device: DeviceName  # that sends it
     words: str  # the fault
     is_damaged: bool = False  # whether too little of the line arrives whole
+    remedy: str = ""  # what to check, if it is not the line
 
 
 DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
@@ -67,7 +69,7 @@ class Senses:
         without values, at the end of a turn.
     neighbours: Distances [m] and bearings [rad] of the robots in the latest readings.
     sweep: The lidar's ranges, in a frame that does not turn with the robot.
-    sight: Number of readings in its last turn.
+    sight: Judges what it sees.
     lines: The share that arrives whole: of the lidar's turns, and of the other devices' bytes.
     """
 
@@ -92,28 +94,28 @@ class Senses:
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self.neighbours: list[tuple[float, float]] = []
         self.lines = {device: LineHealth(getattr(settings.limits, f"{device}_whole")) for device in DEVICES}
+        self.sight = Sight(settings.limits.lidar_blind, settings.lidar.blind, model.lidar_nearest)
         self.forget()
 
-    def take(self, event: Event, now: float) -> bool:
-        """Take in an event that was read at a time [s]; return whether it ends a turn of the lidar."""
+    def take(self, event: Event, now: float) -> None:
+        """Take in an event that was read at a time [s]."""
         for name, values in converted(event):
             self.samples[name] = Sample(now, self._settings.corrected(values) if name == "proximity" else values)
             if name == "proximity":
                 self._faced = heading(self.samples, now)
         if not isinstance(event, Packet):
-            return False
+            return
         began = now - (len(event.samples) - 1) / SAMPLE_RATE
-        ends = self.sweep.add(event, heading(self.samples, began), heading(self.samples, now), now)
-        if ends:
+        faces = heading(self.samples, now)
+        if self.sweep.add(event, heading(self.samples, began), faces, now):
             self.samples["lidar"] = Sample(now, ())
-            self.sight = sum(map(bool, self.sweep.ranges()))
-        return ends
+            self.sight.take(self.sweep.ranges(), faces, now)
 
     def forget(self) -> None:
         """Forget all samples, and restart the counts of lines."""
         self.samples: dict[str, Sample] = {}
-        self.sweep = Sweep(self._settings.lidar_angle)
-        self.sight = 0
+        self.sweep = Sweep(self._settings.lidar_angle, self._settings.lidar.blind)
+        self.sight.forget()
         for line in self.lines.values():
             line.forget()
 
@@ -181,4 +183,6 @@ class Senses:
         if line.is_broken:
             found = f"only {percent(line.share)} of what the {device} sends arrives whole"
             return Stale(device, f"{found}; the limit is {percent(line.min_share)}", is_damaged=True)
+        if name == "lidar" and (why := self.sight.failure()):
+            return Stale(device, why, remedy=REMEDY)
         return None

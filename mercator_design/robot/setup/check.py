@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +13,15 @@ from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.ports import DeviceName, PortNames, sharing
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.robot.devices.start import (
-    end_streaming,
-    firmware_name,
-    start_hub,
-    start_lidar,
-    stop_lidar,
-    wake_rvr,
-)
-from mercator_design.robot.devices.sweep import MIN_READINGS, Sweep, Swept
-from mercator_design.robot.protocols.framing import Counts
+from mercator_design.robot.devices.start import end_streaming, firmware_name, start_hub, wake_rvr
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr import Response
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import streaming
-from mercator_design.robot.protocols.ydlidar import Packet, Turns
 from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.setup.install import NAMED, RULES
+from mercator_design.robot.setup.judging import judged, line_finding, rate_of
+from mercator_design.robot.setup.lidar_check import check_lidar
 
 TIMESYNC = Path("/run/systemd/timesync")  # of systemd's NTP client, which Pis have by default
 _KERNEL = Path("/proc/cmdline")
@@ -39,7 +32,6 @@ _HEADER = {"serial0", "ttyS0", "ttyAMA0"}
 _RASPI_CONFIG = "sudo raspi-config, Interface, Serial Port: no login shell, but the hardware; restart"
 DURATION = 2.0
 """[s] of the check of a device's data."""
-_MIN_TURNS = 4.0  # [1/s] of a lidar; an X4 makes 5 to 12
 _MIN_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
 _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, and period [s]
 _MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
@@ -53,7 +45,11 @@ def check(settings: Settings, without: Collection[DeviceName] = ()) -> Generator
     yield from check_uart(settings.ports.rvr, kernel, next(filter(None, map(_text, _CONFIGS)), ""))
     yield check_programs(settings.ports.rvr)
     yield from check_names(settings.ports, without)
-    checks: dict[DeviceName, DeviceCheck] = {"rvr": _check_rvr, "lidar": _check_lidar, "proximity": _check_hub}
+    checks: dict[DeviceName, DeviceCheck] = {
+        "rvr": _check_rvr,
+        "lidar": partial(check_lidar, duration=DURATION),
+        "proximity": _check_hub,
+    }
     yield from check_devices(settings, {device: each for device, each in checks.items() if device not in without})
     for device in without:
         yield RobotFinding(
@@ -157,23 +153,18 @@ def _names(port: str) -> set[str]:
     return {Path(port).name, Path(port).resolve().name}
 
 
-def _judged(what: str, is_fine: bool, words: str, remedy: str, **more: Any) -> RobotFinding:  # noqa: ANN401 - its other fields
-    """A finding, with the remedy behind its words if something is wrong."""
-    return RobotFinding(what, is_fine, words if is_fine else f"{words}; {remedy}", **more)
-
-
 def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     found = wake_rvr(link)
     words = found.words()
     for processor, min_version in _MIN_FIRMWARE.items():
         name, is_fine = firmware_name(processor), found.firmware[processor] >= min_version
-        yield _judged(name.replace("_", " "), is_fine, words[name], "update it with the app Sphero Edu")
+        yield judged(name.replace("_", " "), is_fine, words[name], "update it with the app Sphero Edu")
     limits = settings.limits
     is_critical = found.battery < limits.battery_critical or found.battery_state == CRITICAL
     is_low = is_critical or found.battery < limits.battery_low or found.battery_state == LOW
     remedy = f"it is {'critical: no run starts' if is_critical else 'low'}: charge it"
     level = words["battery"]
-    yield _judged("battery", not is_low, level, remedy, device="rvr", quantity="battery", value=level)
+    yield judged("battery", not is_low, level, remedy, device="rvr", quantity="battery", value=level)
     yield _of_motors(link.ask("get_motor_thermal_protection_status"))
     echoes, asked, before = 0, round(DURATION / _ECHO_EVERY), link.counts()["rvr"]
     try:
@@ -185,75 +176,17 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
             echoes += sum(isinstance(each, Response) and each.values.get("data") == _ECHO for each in events)
     finally:
         end_streaming(link)
-    yield _of_line("rvr", settings, link, before)
+    yield line_finding("rvr", settings, link, before)
     is_fine = echoes >= asked * warning_share(limits.rvr_whole)  # as a run warns; it counts answers to commands
     remedy = f"a run stops below {percent(limits.rvr_whole)}; {link.damage_remedy('rvr')}"
-    yield _judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
+    yield judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
 
 
 def _of_motors(heat: Mapping[str, Any]) -> RobotFinding:
     temperatures = " and ".join(f"{side} {heat[f'{side}_motor_temperature']:.0f}" for side in SIDES)
     hot = [side for side in SIDES if heat[f"{side}_motor_status"]]
     remedy = f"{' and '.join(hot)} too hot: let it cool, and leave the RVR switched on"
-    return _judged("motors", not hot, f"{temperatures} degrees", remedy)
-
-
-def _of_line(
-    device: DeviceName, settings: Settings, link: Link, before: Counts, swept: Swept | None = None
-) -> RobotFinding:
-    """The finding on a device's line: the share of its data that arrived whole since the counts `before`."""
-    received, lost, refused = (later - earlier for earlier, later in zip(before, link.counts()[device], strict=True))
-    missing, of_all = (lost, received) if swept is None else (swept.lost, swept.all)
-    whole = 1.0 - missing / max(of_all, 1)
-    min_share: float = getattr(settings.limits, f"{device}_whole")
-    is_fine = whole >= warning_share(min_share)
-    value = f"{100.0 * whole:.1f} % arrives whole"
-    words = f"{value}; {lost} of {received} bytes lost, {refused} frames refused"
-    remedy = f"in a run it counts as silent below {percent(min_share)}; {link.damage_remedy(device)}"
-    return _judged(f"{device}'s line", is_fine, words, remedy, device=device, quantity="line", value=value)
-
-
-def _check_lidar(settings: Settings, link: Link) -> Iterator[RobotFinding]:
-    turns, sweep = Turns(), Sweep()
-    try:
-        started = start_lidar(link)
-        facts = started.words()
-        yield RobotFinding("lidar", is_fine=True, words=facts["lidar"], is_unclear=started.info is None)
-        if started.warning is not None:
-            words = f"{facts['lidar_health']}; take its power away for a moment"
-            yield RobotFinding("lidar's health", is_fine=False, words=words)
-        link.discard()  # turns from before the start
-        next(_sights(link, turns, sweep), None)  # the motor starts
-        before, begin = link.counts()["lidar"], sweep.swept
-        sights = [*_sights(link, turns, sweep)]
-    finally:
-        stop_lidar(link)
-    swept = Swept(*(later - earlier for earlier, later in zip(begin, sweep.swept, strict=True)))
-    yield _of_line("lidar", settings, link, before, swept)
-    rate = _rate([now for now, _ in sights])
-    remedy = "does its motor turn? It needs 5 V and 1 A, and a cable for both"
-    yield _judged("lidar's turns", rate >= _MIN_TURNS, f"{rate:.1f} a second", remedy)
-    if sights:
-        _, seen = sights[len(sights) // 2]
-        sees = seen >= MIN_READINGS
-        advice = "" if sees else "; is there nothing at its height, or has its laser failed? Hold something before it"
-        yield RobotFinding(
-            "lidar's sight", is_fine=True, words=f"{seen} readings in a turn" + advice, is_unclear=not sees
-        )
-
-
-def _sights(link: Link, turns: Turns, sweep: Sweep) -> Iterator[tuple[float, int]]:
-    """The end [s] and the number of readings of each turn of a lidar within `DURATION`."""
-    for event, now in link.poll(time.monotonic() + DURATION):
-        if isinstance(event, Packet):
-            sweep.add(event, read=now)
-            if (turn := turns.receive(event)) is not None:
-                yield now, sum(distance > 0.0 for _, distance in turn)
-
-
-def _rate(times: Sequence[float]) -> float:
-    """The rate [1/s] of events at times [s] within `DURATION`; it is lower if they ceased early."""
-    return (len(times) - 1) / max(times[-1] - times[0], 0.75 * DURATION) if times else 0.0
+    return judged("motors", not hot, f"{temperatures} degrees", remedy)
 
 
 def _check_hub(settings: Settings, link: Link) -> Iterator[RobotFinding]:
@@ -262,9 +195,9 @@ def _check_hub(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     before = link.counts()["proximity"]
     heard = link.poll(time.monotonic() + DURATION)
     found = [(event, now) for event, now in heard if isinstance(event, Distances)]
-    yield _of_line("proximity", settings, link, before)
-    rate = _rate([now for _, now in found])
-    yield _judged("hub", rate >= _MIN_DISTANCES, f"{rate:.1f} measurements a second", link.remedy("proximity"))
+    yield line_finding("proximity", settings, link, before)
+    rate = rate_of([now for _, now in found], DURATION)
+    yield judged("hub", rate >= _MIN_DISTANCES, f"{rate:.1f} measurements a second", link.remedy("proximity"))
     if not found:
         return
     last, _ = found[-1]

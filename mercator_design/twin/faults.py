@@ -9,7 +9,7 @@ faults:
 
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
@@ -18,10 +18,12 @@ from mercator_design.config.schema import Length, Range
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.twin.devices.lidar import Hiding, LidarState
 
 Direction: TypeAlias = Literal["from_robot", "to_robot"]
 Time = Annotated[float, Range(0.0, 86_400.0)]
 Rate = Annotated[float, Range(0.0, 1.0)]
+Degrees = Annotated[float, Range(-360.0, 360.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,8 +140,77 @@ class Heat(_Fault):
     temperature: Annotated[float, Range(-20.0, 200.0)]  # [degrees Celsius]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LidarFault(_Fault):
+    device: ClassVar[DeviceName] = "lidar"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Blind(_LidarFault):
+    """The lidar sees nothing, in all directions or in a sector, in all turns or in some."""
+
+    kind: Literal["blind"] = "blind"
+    sector: tuple[Degrees, Degrees] | None = None  # [degrees, counter-clockwise from the front]; null: all around
+    turns: Rate = 1.0  # of the turns, evenly
+
+    def changed(self, state: LidarState) -> LidarState:
+        return replace(state, hidings=(*state.hidings, Hiding(0.0, self.sector, self.turns)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Post(_LidarFault):
+    """The lidar sees a part of its own robot."""
+
+    kind: Literal["post"] = "post"
+    sector: tuple[Degrees, Degrees]  # [degrees, counter-clockwise from the front]
+    distance: Annotated[float, Range(0.01, 12.0)] = 0.14  # [m]
+
+    def changed(self, state: LidarState) -> LidarState:
+        return replace(state, hidings=(*state.hidings, Hiding(self.distance, self.sector)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlowTurns(_LidarFault):
+    """The lidar turns at another speed."""
+
+    kind: Literal["slow_turns"] = "slow_turns"
+    rate: Annotated[float, Range(0.5, 12.0)]  # [1/s]
+
+    def changed(self, state: LidarState) -> LidarState:
+        return replace(state, rate=self.rate)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OtherLidar(_LidarFault):
+    """The lidar is another model, or in another mode."""
+
+    kind: Literal["other_lidar"] = "other_lidar"
+    model: Annotated[int, Range(0, 255)] = 6  # number; an X4 is 6
+    intensities: bool = False  # whether samples have three bytes, the first one an intensity
+    one_way: bool = False  # whether it sends without being asked, and hears nothing
+    unanswered: Annotated[tuple[Literal["health", "device_info", "scan"], ...], Length(0, 3)] = ()  # commands
+
+    def changed(self, state: LidarState) -> LidarState:
+        return replace(
+            state,
+            model=self.model,
+            has_intensities=self.intensities,
+            is_one_way=self.one_way,
+            unanswered=frozenset(self.unanswered),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OldHub(_Fault):
+    """The hub refuses all commands, as old firmware does, and streams."""
+
+    device: ClassVar[DeviceName] = "proximity"
+    kind: Literal["old_hub"] = "old_hub"
+
+
+LidarFault: TypeAlias = Blind | Post | SlowTurns | OtherLidar
 LineFault: TypeAlias = Flip | Lose | Double | Insert | Silence | WrongBaud
-Fault: TypeAlias = LineFault | PortLoss | Battery | Stall | Heat
+Fault: TypeAlias = LineFault | LidarFault | PortLoss | Battery | Stall | Heat | OldHub
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ import termios
 import time
 import tty
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -171,11 +171,14 @@ class Terminals:
     def _settings(self, number: int, port: int) -> Settings:
         """The settings of a robot for programs, with a free UDP port."""
         model = self._twin.arena.robot_model
+        limits = Limits(speed=model.drive.maximum_speed)
+        if len(self._twin.robots) == 1:  # a lidar sees only others
+            limits = replace(limits, lidar_blind=None)
         angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
         return Settings(
             name=f"twin-{number}",
             ports=PortNames(**{device: str(self._link(number, device)) for device in DEVICES}),
-            limits=Limits(speed=model.drive.maximum_speed),
+            limits=limits,
             swarm=SwarmSettings(port=port),  # robots are all on one machine
             proximity_angles=angles,
             reference_model=model.reference_model,

@@ -10,9 +10,21 @@ from mercator_design.robot.devices.health import SIDES
 from mercator_design.robot.devices.ports import DEVICES, DeviceName
 from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.devices.hub import TwinHub
-from mercator_design.twin.devices.lidar import TwinLidar
+from mercator_design.twin.devices.lidar import LidarState, TwinLidar
 from mercator_design.twin.devices.rvr import TwinRvr
-from mercator_design.twin.faults import Battery, Damage, Direction, Fault, Heat, LineFault, PortLoss, Script, Stall
+from mercator_design.twin.faults import (
+    Battery,
+    Damage,
+    Direction,
+    Fault,
+    Heat,
+    LidarFault,
+    LineFault,
+    OldHub,
+    PortLoss,
+    Script,
+    Stall,
+)
 
 Log: TypeAlias = Callable[[Mapping[str, Any]], None]
 """Called with each event."""
@@ -81,6 +93,14 @@ class TwinRobot:
             self._report(now, "fault", kind=fault.kind, device=device, begins=fault in begun)
         if any(isinstance(fault, Battery) for fault in begun + ended):
             self.rvr.level = min((fault.level for fault in on if isinstance(fault, Battery)), default=100.0)
+        if any(isinstance(fault, LidarFault) for fault in begun + ended):
+            state = LidarState()
+            for fault in on:
+                if isinstance(fault, LidarFault):
+                    state = fault.changed(state)
+            self.lidar.change(state, now)
+        if any(isinstance(fault, OldHub) for fault in begun + ended):
+            self.hub.is_old = any(isinstance(fault, OldHub) for fault in on)
         self.rvr.drive.stall(SIDES.index(fault.motor) for fault in on if isinstance(fault, Stall))
         if any(isinstance(fault, Heat) for fault in begun + ended):
             hot = [(SIDES.index(fault.motor), fault.temperature) for fault in on if isinstance(fault, Heat)]

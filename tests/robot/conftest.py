@@ -31,4 +31,5 @@ def simulated():
 def robot(simulated, robot_command, tmp_path, monkeypatch):
     """A run in simulated time, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
+    simulated.wall = 2.0
     return SimulatedRun(simulated, robot_command, tmp_path)

@@ -30,6 +30,7 @@ class Surroundings:
 
     measured: What its devices measure: at first on black, in the dark, facing +x.
     heads: Angles [rad] and distances [m] of heads of other robots' lidars.
+    wall: Distance [m] of a wall behind them, all around; 0: there is none.
     """
 
     robots, period, cycle, samples = 1, 0.01, 10, 719
@@ -37,7 +38,7 @@ class Surroundings:
     robot_model = load_robot_model("mercator")
 
     def __init__(self):
-        self.ticks, self.heads = 0, []
+        self.ticks, self.heads, self.wall = 0, [], 0.0
         self.measured = dict.fromkeys(("ground_sensors", "accelerometer", "gyroscope", "imu"), (0.0, 0.0, 0.0))
         self.measured |= dict.fromkeys(("locator", "velocity", "treads"), (0.0, 0.0))
         self.measured |= {"ambient_light": (0.0,), "quaternion": (1.0, 0.0, 0.0, 0.0), "proximity": CLEAR}
@@ -49,7 +50,7 @@ class Surroundings:
         return self.measured[device]
 
     def scan(self, _):
-        ranges = np.zeros(FINE * self.samples)
+        ranges = np.full(FINE * self.samples, self.wall)
         for angle, distance in self.heads:
             half = math.asin(self.robot_model.lidar.head_radius / distance)
             edges = [round((angle + side) / math.tau * len(ranges)) for side in (-half, half)]

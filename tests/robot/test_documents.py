@@ -39,6 +39,7 @@ def row(words):
     [
         ("is silent", f"RVR {LIMITS.rvr:g} s, hub {LIMITS.proximity:g} s, lidar {LIMITS.lidar:g} s"),
         ("is silent", f"{CONTROL_PERIOD:g} s after the limit"),
+        ("sees nothing", f"for {LIMITS.lidar_blind:g} s of the last {2.0 * LIMITS.lidar_blind:g} s"),
         ("control loop stalls", f"no command for {STALL:g} s"),
         ("of what a device sends", f"RVR's bytes and the lidar's turns less than {100 * LIMITS.rvr_whole:g} %"),
         ("of what a device sends", f"of the hub's bytes less than {100 * LIMITS.proximity_whole:g} %"),

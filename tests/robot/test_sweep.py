@@ -204,3 +204,21 @@ def test_the_others_stay_where_they_are_while_the_robot_turns(speed):
     for found in perceived(speed, 5.0, is_corrected=True):
         assert found.robots == len(ROBOTS)
         assert found.error < 0.02 + 0.005 * abs(speed)
+
+
+@pytest.mark.parametrize("front", [0.0, 1.0])
+def test_a_blind_sector_turns_with_the_robot(front):
+    """A part of the robot is never seen, what stands beside it is, wherever the robot looks."""
+    sweep = Sweep(front, [(math.degrees(2.0 + front) - 15.0, math.degrees(2.0 + front) + 15.0)])
+    for k in range(6):
+        for packet in packets([(2.0, 0.3), (-1.0, 0.5)]):
+            sweep.add(packet, 0.7 * k, 0.7 * k)
+        near = [bearing for distance, bearing in found(sweep) if distance < 0.4]
+        assert (near, len(found(sweep))) == ([], 1 if k else len(found(sweep)))
+
+
+def test_a_sector_over_the_front():
+    sweep = Sweep(0.0, [(350.0, 10.0)])
+    for packet in [*packets(THREE)] * 2:
+        sweep.add(packet)
+    assert [distance for distance, _ in found(sweep)] == [pytest.approx(0.5, abs=0.01), pytest.approx(0.6, abs=0.01)]

@@ -57,6 +57,11 @@ DEVICE_FAULTS = {
     "hub silent": (silence("proximity"), 0.5, "proximity: nothing for"),
     "lidar silent": (silence("lidar"), 0.6, "lidar: nothing for"),
     "hub's sensor off": (lambda robot: setattr(robot.devices.hub, "plugged_in", 0x7F), 0.5, "proximity: nothing for"),
+    "lidar blind": (
+        lambda robot: setattr(robot.devices, "wall", 0.0),
+        Limits().lidar_blind + CYCLE,
+        "lidar: it saw nothing in 5.0 of the last 10 s; the limit is 5 s; is there nothing at its height",
+    ),
     "lidar stuck": (lambda robot: setattr(robot.devices, "is_stuck", True), 0.6, "lidar: nothing for"),
     "lidar damaged": (lambda robot: robot.devices.torn.add("lidar"), WINDOW, "% of what the lidar sends arrives whole"),
     "rvr noisy": (noise("rvr"), WINDOW, "% of what the rvr sends arrives whole; the limit is 80 %"),

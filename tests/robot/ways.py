@@ -141,6 +141,7 @@ class Robot:
 def running(folder, fsm=GO, settings="", fault="", *options, lead=SOON, stdin=None):
     folder.mkdir(exist_ok=True)
     with Devices() as devices:
+        devices.wall = 2.0
         robot = Robot(folder, devices, fsm, settings, fault, options, lead, stdin)
         try:
             yield robot

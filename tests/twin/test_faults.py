@@ -102,7 +102,7 @@ faults:
         text = (Path(__file__).parents[2] / "docs" / "reference" / "twin.md").read_text()
         file = tmp_path / "faults.yaml"
         file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
-        assert len(read_script(file).faults) == 6
+        assert len(read_script(file).faults) == 9
         kinds = {
             kind for row in re.findall(r"^\| (`[a-z_`, ]+`) \|", text, re.MULTILINE) for kind in re.findall(r"\w+", row)
         }

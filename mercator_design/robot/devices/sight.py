@@ -77,9 +77,16 @@ class Sight:
         self._heading = math.nan
         self._view = View(self._blind, self._nearest)
 
-    def take(self, ranges: Sequence[float], heading: float, now: float) -> None:
-        """Take in the ranges of a turn that ended at a time [s], in a frame in which the robot has a heading [rad]."""
-        self.readings = sum(map(bool, ranges))
+    def take(self, readings: int, ranges: Sequence[float], heading: float, now: float) -> None:
+        """Take in a turn that ended at a time [s].
+
+        Args:
+            readings: Number of its readings.
+            ranges: Ranges by angle, in a frame in which the robot has the heading.
+            heading: Heading of the robot [rad].
+            now: The time.
+        """
+        self.readings = readings
         was_empty = bool(self._turns) and self._turns[-1].is_empty
         turned, self._heading = abs(math.remainder(heading - self._heading, math.tau)), heading
         turn = Turn(now, now - self._turns[-1].time if self._turns else 0.0, self.readings)

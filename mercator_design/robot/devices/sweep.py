@@ -54,6 +54,7 @@ class Sweep:
     during a turn of the lidar.
 
     swept: The angle that the lidar has turned, relative to the robot, and the lost part.
+    readings: Number of readings in the turn that ended last.
     """
 
     def __init__(self, front: float = 0.0, blind: Iterable[Sector] = ()) -> None:
@@ -72,6 +73,7 @@ class Sweep:
         self._gaps: deque[tuple[int, int]] = deque()  # of the last turn: angles swept between which nothing came
         self._seen: int | None = None  # as _last, relative to the robot
         self.swept = Swept()
+        self.readings = self._readings = 0  # the latter of the present turn
         self._read = math.inf  # time of the latest packet [s]
         self._step = 0.0  # angle from one sample to the next
         self._behind = 0.0  # angle that is missing by the time
@@ -104,6 +106,11 @@ class Sweep:
             if is_gap:
                 self._gaps.append((self._swept - _ASIDE, self._swept + ahead + _ASIDE))
             self._swept += ahead
+        ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= TURN // 2
+        if packet.is_ring_start:
+            self._began = self._swept
+        if ends:
+            self.readings, self._readings = self._readings, 0
         span = (packet.last - packet.first) % TURN
         while self._gaps and self._gaps[0][1] < self._swept + span - TURN:
             self._gaps.popleft()
@@ -111,15 +118,13 @@ class Sweep:
         for i, (angle, distance) in enumerate(packet.points()):
             if not 0.0 < distance <= MAX_RANGE:
                 continue
+            self._readings += 1
             k = self._bin(angle)
             # Corrected angles of near and far samples overlap: the nearer one counts.
             if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):
                 self._ranges[k] = distance
                 self._written[k] = self._swept + span
                 self._places[k] = self._swept + round(i * step)
-        ends = packet.is_ring_start and self._began is not None and self._swept - self._began >= TURN // 2
-        if packet.is_ring_start:
-            self._began = self._swept
         self._swept += span
         self._last = packet.last
         return ends

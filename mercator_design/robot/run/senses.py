@@ -109,7 +109,7 @@ class Senses:
         faces = heading(self.samples, now)
         if self.sweep.add(event, heading(self.samples, began), faces, now):
             self.samples["lidar"] = Sample(now, ())
-            self.sight.take(self.sweep.ranges(), faces, now)
+            self.sight.take(self.sweep.readings, self.sweep.ranges(), faces, now)
 
     def forget(self) -> None:
         """Forget all samples, and restart the counts of lines."""

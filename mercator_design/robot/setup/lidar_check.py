@@ -72,10 +72,10 @@ class _Measured:
                 continue
             self.packets += 1
             if self.sweep.add(event, read=now):
-                ranges = self.sweep.ranges()
                 self.times.append(now)
-                self.readings.append(sum(map(bool, ranges)))
-                self.view.take(ranges)
+                self.readings.append(self.sweep.readings)
+                if self.sweep.readings >= MIN_READINGS:
+                    self.view.take(self.sweep.ranges())
 
 
 def _identity(found: LidarIdentity) -> Iterator[RobotFinding]:

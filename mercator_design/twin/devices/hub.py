@@ -24,6 +24,7 @@ class TwinHub:
     """The hub. It sends as soon as it has power.
 
     plugged_in: Bit i is set if sensor i is connected.
+    is_old: Whether its firmware refuses all commands.
     """
 
     def __init__(self, measure: Callable[[], Sequence[float]]) -> None:
@@ -34,7 +35,7 @@ class TwinHub:
         """
         self._measure = measure
         self._line = command_decoder()
-        self._text = False
+        self._text = self.is_old = False
         self.plugged_in = self._mask = (1 << SENSORS) - 1
         self._due = 0.0
 
@@ -57,8 +58,10 @@ class TwinHub:
 
     def obey(self, command: HubCommand) -> bytes:
         """Do what a command says; returns the bytes of its answer."""
-        done = True
-        if command in (TEXT_MODE, BINARY_MODE):
+        done = not self.is_old
+        if self.is_old:
+            pass
+        elif command in (TEXT_MODE, BINARY_MODE):
             self._text = command == TEXT_MODE
         elif command == use_sensors(command.arguments[-1]):
             self._mask = command.arguments[-1]

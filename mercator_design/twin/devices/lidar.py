@@ -5,14 +5,20 @@ decoder corrects this; here the ranges of a fine scan are placed at the angles t
 """
 
 import math
+import struct
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
 from mercator_design.jit import compiled
 from mercator_design.robot.protocols.ydlidar import (
+    MODEL,
     SAMPLE_RATE,
     TURN,
     DeviceInfo,
@@ -37,7 +43,40 @@ _MAX_RANGE = 0xFFFF
 _MIN_CORRECTION, _MAX_CORRECTION = math.radians(-5.0), math.radians(8.0)  # for ranges from 0.1 m on
 _AT, _SPREAD = 0.5, 1.2  # [beams] up to which a range belongs to a place, and up to which it is used if none does
 _BEHIND = 1e6  # farther than any range [m]
+_INTENSITY = 0x55  # of each sample
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(_MAX_RANGE // 4 + 1)])  # by range [mm]
+
+
+@dataclass(frozen=True, slots=True)
+class Hiding:
+    """Something that hides what is around, or a laser that fails."""
+
+    distance: float  # [m] at which it is seen; 0: nothing is seen
+    sector: tuple[float, float] | None = None  # [degrees, counter-clockwise from the front]; None: all around
+    turns: float = 1.0  # part of the turns, evenly distributed
+
+    def is_in(self, turn: int) -> bool:
+        """Whether it is there in the turn of a number."""
+        return math.floor((turn + 1) * self.turns) > math.floor(turn * self.turns)
+
+    def covers(self, degrees: Floats) -> NDArray[np.bool_]:
+        """Which of some angles it covers."""
+        if self.sector is None:
+            return np.full(len(degrees), fill_value=True)
+        first, last = self.sector
+        return (degrees - first) % 360.0 <= (last - first) % 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class LidarState:
+    """What faults change in a lidar."""
+
+    model: int = MODEL
+    rate: float | None = None  # [1/s] of turns; None: the usual one
+    has_intensities: bool = False  # whether samples have three bytes, the first one an intensity
+    is_one_way: bool = False  # whether it sends while its motor turns, and hears nothing
+    unanswered: frozenset[str] = frozenset()  # commands
+    hidings: tuple[Hiding, ...] = ()
 
 
 class TwinLidar:
@@ -54,7 +93,9 @@ class TwinLidar:
             samples: Samples in a turn.
             number: Number of the robot, for the serial number.
         """
-        self._scan, self._samples, self._number = scan, samples, number
+        self._scan, self._usual_samples, self._number = scan, samples, number
+        self._samples = samples
+        self._state = LidarState()
         self.health = 0
         self._line = command_decoder()
         self._ready = -math.inf  # time from which it listens
@@ -68,9 +109,20 @@ class TwinLidar:
         self._turns = math.inf if not on else min(self._turns, now + SPINS_UP)
         self._restart(now)
 
+    def change(self, state: LidarState, now: float) -> None:
+        """Take on the state in which faults put it; a turn begins anew if its speed changes."""
+        self._state, before = state, self._samples
+        self._samples = self._usual_samples if state.rate is None else round(SAMPLE_RATE / state.rate)
+        if state.is_one_way:
+            self._scans = min(self._scans, now)
+        if self._samples != before:
+            self._restart(now)
+
     def receive(self, data: bytes, now: float) -> bytes:
         """The answer to these bytes; while it scans, it obeys only the commands that end the scan."""
         said = self.advance(now)
+        if self._state.is_one_way:
+            return said
         return said + b"".join(self.obey(command, now) for command in self._line.receive(data))
 
     def advance(self, now: float) -> bytes:
@@ -93,8 +145,12 @@ class TwinLidar:
             self._ready = now + _REBOOTS if command == "soft_reboot" else now
         elif now < self._ready or self._scans <= now:
             pass
+        elif command in self._state.unanswered:
+            if command == "scan":
+                self._scans = now
+                self._restart(now)
         elif command == "device_info":
-            return DeviceInfo(6, (1, 4), 1, f"{2026112100000000 + self._number:016}").encode()
+            return DeviceInfo(self._state.model, (1, 4), 1, f"{2026112100000000 + self._number:016}").encode()
         elif command == "health":
             return Health(self.health).encode()
         else:
@@ -111,9 +167,28 @@ class TwinLidar:
     def _packet(self, first: int, count: int) -> bytes:
         found = self._found[:count]
         compiled(put)(self._scan(), _CORRECTIONS, self._samples, first, found, self._scratch)
+        self._hide(first, found)
         ranges = tuple(np.minimum(np.rint(_MM * found), _MAX_RANGE).astype(int).tolist())
         step = TURN / self._samples
-        return Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0).encode()
+        packet = Packet(round(first * step), round((first + count - 1) * step), ranges, is_ring_start=first == 0)
+        return with_intensities(packet) if self._state.has_intensities else packet.encode()
+
+    def _hide(self, first: int, found: Floats) -> None:
+        """Hide ranges [m] of samples from the number `first` on, clockwise from the front, as faults do."""
+        turn, places = self._sent // self._samples, -360.0 / self._samples * (first + np.arange(len(found)))
+        for hiding in self._state.hidings:
+            if hiding.is_in(turn):
+                seen = found if hiding.distance == 0.0 else np.full(len(found), hiding.distance)
+                corrections = _CORRECTIONS[np.minimum(np.rint(1000.0 * seen).astype(int), len(_CORRECTIONS) - 1)]
+                found[hiding.covers(places + np.degrees(corrections))] = hiding.distance
+
+
+def with_intensities(packet: Packet) -> bytes:
+    """The bytes of a packet of models whose samples have three bytes, the first one an intensity."""
+    usual = packet.encode()
+    head, words = list(struct.unpack_from("<5H", usual)), packet.samples
+    head[4] = reduce(xor, (*head[:4], *words, *[_INTENSITY] * len(words)))
+    return struct.pack("<5H", *head) + b"".join(struct.pack("<BH", _INTENSITY, word) for word in words)
 
 
 def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, ranks: Floats) -> None:

@@ -16,7 +16,7 @@ from mercator_design import jit
 from mercator_design.cli import main
 from mercator_design.missions import plugins
 from mercator_design.race.executors.executor import available_jobs
-from tests.view.browser import browser
+from tests.show.browser import browser
 
 # A first example may compile a kernel, so its time says nothing.
 settings.register_profile("project", deadline=None)

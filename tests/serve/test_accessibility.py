@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from tests.serve.accessibility import COLOUR_RULES, serious_faults
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 

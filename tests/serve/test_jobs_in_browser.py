@@ -6,7 +6,7 @@ from mercator_design.serve.app import guarded
 from tests.serve.races import BUDGET
 from tests.serve.serving import serving
 from tests.serve.still import still
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = [pytest.mark.timing, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 

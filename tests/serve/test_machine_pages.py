@@ -7,7 +7,7 @@ import pytest
 
 from mercator_design.serve.web.assets import assets
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = pytest.mark.together("browser")
 

@@ -10,7 +10,7 @@ from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.serve.web.assets import assets
 from tests.serve.machines import client_of, race_in
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = pytest.mark.together("browser")
 

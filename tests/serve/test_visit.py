@@ -11,7 +11,7 @@ from mercator_design.serve.app import guarded
 from mercator_design.serve.service import Service
 from tests.serve.accessibility import serious_faults
 from tests.serve.serving import serving
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = [pytest.mark.timing, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 

@@ -181,7 +181,7 @@ class TestSideBySide:
     def test_the_program_in_the_documents(self, mdesign, apart, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         assert mdesign("export", "csv", *apart, "-o", "all.csv")[0] == 0
-        document = (Path(__file__).parents[1] / "docs/how-to/analyse-robot-logs.md").read_text()
+        document = (Path(__file__).parents[3] / "docs/how-to/analyse-robot-logs.md").read_text()
         (program,) = re.findall(r"```py\n(import pandas.*?)```", document, re.DOTALL)
         found = {}
         exec(program, found)  # noqa: S102 - our own

@@ -12,7 +12,7 @@ from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.page import ReplayPage
 from mercator_design.sim.simulate import Simulator
 from tests.processes import wait_until
-from tests.view.browser import CHROMIUM
+from tests.show.browser import CHROMIUM
 
 pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 

@@ -22,10 +22,10 @@ from mercator_design.errors import excerpt
 Holder: TypeAlias = Callable[..., Any]
 
 
-class Way(NamedTuple):
-    """How a node is reached from the root: the last step, and the way to it. The root has none."""
+class NodePath(NamedTuple):
+    """How a node is reached from the root: the last step, and the path before it. The root has none."""
 
-    before: "Way | None"
+    before: "NodePath | None"
     step: str | int
     holder: Holder | None = None  # the dataclass or function whose field or parameter it is
 
@@ -48,7 +48,7 @@ _WRONG: Any = object()
 """A builder returns this for a node that is not of its kind; `build` then reports the expected kind."""
 
 
-def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN401 - what `kind` says
+def build(node: Node, kind: Kind, path_to: NodePath | None = None) -> Any:  # noqa: ANN401 - what `kind` says
     """The value of a kind that a node describes.
 
     Raises:
@@ -57,20 +57,22 @@ def build(node: Node, kind: Kind, way: Way | None = None) -> Any:  # noqa: ANN40
     if node.content is None:  # which is reported
         raise Fault
     base, rules = schema.unwrapped(kind)
-    value = _builder(base)(node, base, way)
+    value = _builder(base)(node, base, path_to)
     if value is _WRONG or (value is not None and not all(rule.allows(value) for rule in rules)):
-        raise Fault(message(node, way, f"{_expected(kind, way)}, found {node.found}{_hint(node, base, way)}"))
+        raise Fault(
+            message(node, path_to, f"{_expected(kind, path_to)}, found {node.found}{_hint(node, base, path_to)}")
+        )
     if any(isinstance(rule, FilePath) and not (rule.unless_name and is_name(value)) for rule in rules):
         if node.folder is None:
             what = f"expected no file, because this text may not name files, found {node.found}"
-            raise Fault(message(node, way, what))
+            raise Fault(message(node, path_to, what))
         value = str(node.folder.resolve() / value)
     return value
 
 
-def message(node: Node, way: Way | None, what: str) -> str:
+def message(node: Node, path_to: NodePath | None, what: str) -> str:
     """What is wrong with a node, with its place and path."""
-    return ": ".join(str(part) for part in (node.where, way, what) if part)
+    return ": ".join(str(part) for part in (node.where, path_to, what) if part)
 
 
 def is_name(text: str) -> bool:
@@ -78,7 +80,7 @@ def is_name(text: str) -> bool:
     return not ("/" in text or "\\" in text or text.endswith((".yaml", ".yml")))
 
 
-def _builder(base: Kind) -> Callable[[Node, Kind, Way | None], Any]:
+def _builder(base: Kind) -> Callable[[Node, Kind, NodePath | None], Any]:
     if base is object:
         return lambda node, _, __: node.content
     if schema.is_union(base):
@@ -90,7 +92,7 @@ def _builder(base: Kind) -> Callable[[Node, Kind, Way | None], Any]:
     return _record if schema.is_record(base) else _scalar
 
 
-def _scalar(node: Node, base: Kind, _: Way | None) -> Any:  # noqa: ANN401 - what `base` says
+def _scalar(node: Node, base: Kind, _: NodePath | None) -> Any:  # noqa: ANN401 - what `base` says
     text = node.content
     if not isinstance(text, str):
         return _WRONG
@@ -122,10 +124,10 @@ class _Mistakes(list[str]):
 
     any = False
 
-    def build(self, node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
+    def build(self, node: Node, kind: Kind, path_to: NodePath | None) -> Any:  # noqa: ANN401
         """As `build`; _WRONG if there are mistakes, which are noted."""
         try:
-            return build(node, kind, way)
+            return build(node, kind, path_to)
         except Fault as fault:
             self.note(*fault.args)
         return _WRONG
@@ -138,7 +140,7 @@ class _Mistakes(list[str]):
             raise Fault(*self)
 
 
-def _tuple(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
+def _tuple(node: Node, base: Kind, path_to: NodePath | None) -> Any:  # noqa: ANN401
     if not isinstance(node.content, list):
         return _WRONG
     kinds = typing.get_args(base)
@@ -148,20 +150,20 @@ def _tuple(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
         return _WRONG
     wrong = _Mistakes()
     pairs = zip(node.content, kinds, strict=True)
-    built = tuple([wrong.build(item, kind, Way(way, index)) for index, (item, kind) in enumerate(pairs)])
+    built = tuple([wrong.build(item, kind, NodePath(path_to, index)) for index, (item, kind) in enumerate(pairs)])
     if wrong.any:
         raise Fault(*wrong)
     return built
 
 
-def _mapping(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
+def _mapping(node: Node, base: Kind, path_to: NodePath | None) -> Any:  # noqa: ANN401
     if not isinstance(node.content, dict):
         return _WRONG
     key_kind, item_kind = typing.get_args(base)
     wrong = _Mistakes()
     built: dict[Any, Any] = {}
     for word, item in node.content.items():
-        place = Way(way, word)
+        place = NodePath(path_to, word)
         key = wrong.build(dataclasses.replace(item, content=word, plain=False), key_kind, place)
         value = wrong.build(item, item_kind, place)
         if key in built and key is not _WRONG:
@@ -172,35 +174,35 @@ def _mapping(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
     return built
 
 
-def _union(node: Node, base: Kind, way: Way | None) -> Any:  # noqa: ANN401
+def _union(node: Node, base: Kind, path_to: NodePath | None) -> Any:  # noqa: ANN401
     """The alternative of the node's form: the dataclass that its tag names, or the first kind that fits."""
     kinds = [kind for kind in typing.get_args(base) if schema.form(kind) is type(node.content)]
     if len(kinds) > 1 and all(schema.is_record(kind) for kind in kinds):
-        return _alternative(node, kinds, way)
+        return _alternative(node, kinds, path_to)
     if len(kinds) == 1 and kinds[0] is not types.NoneType:
-        return build(node, kinds[0], way)
+        return build(node, kinds[0], path_to)
     for kind in sorted(kinds, key=lambda kind: kind is not types.NoneType):  # `null` is text only if quoted
         try:
-            return build(node, kind, way)
+            return build(node, kind, path_to)
         except Fault:
             continue
     return _WRONG
 
 
-def _alternative(node: Node, kinds: list[Kind], way: Way | None) -> Any:  # noqa: ANN401 - one of the kinds
+def _alternative(node: Node, kinds: list[Kind], path_to: NodePath | None) -> Any:  # noqa: ANN401 - one of the kinds
     """The dataclass that the node's tag names.
 
     If the tag is wrong, the other mistakes are found with the nearest dataclass.
     """
     (key, tagged), wrong = schema.tags(kinds), _Mistakes()
     specification, holders = _of_any(tuple(kinds), key)
-    word, node = _tagged(node, key, tagged, specification, way, wrong)
+    word, node = _tagged(node, key, tagged, specification, path_to, wrong)
     if not wrong.any:
-        return build(node, tagged[word], way)
+        return build(node, tagged[word], path_to)
     if word:
-        wrong.build(node, tagged[word], way)
+        wrong.build(node, tagged[word], path_to)
     else:
-        _entries(node, specification, holders, way, wrong)
+        _entries(node, specification, holders, path_to, wrong)
     raise Fault(*wrong)
 
 
@@ -222,50 +224,50 @@ def _of_any(kinds: tuple[Kind, ...], tag: str) -> tuple[Specification, dict[str,
     return specification, holders
 
 
-def _record(node: Node, kind: Kind, way: Way | None) -> Any:  # noqa: ANN401
+def _record(node: Node, kind: Kind, path_to: NodePath | None) -> Any:  # noqa: ANN401
     if not isinstance(node.content, dict):
         return _WRONG
     fields, wrong = schema.fields_of(kind), _Mistakes()
     holders: dict[str, Holder] = {name: kind for name in fields}  # noqa: C420 - whose type mypy loses
     keywords = schema.keywords_of(kind)
     if keywords is None:
-        values = _entries(node, fields, holders, way, wrong)
+        values = _entries(node, fields, holders, path_to, wrong)
     else:
         field, rule = keywords
         fields = {name: entry for name, entry in fields.items() if name != field}
-        word, node = _tagged(node, rule.key, rule.functions, fields, way, wrong)
+        word, node = _tagged(node, rule.key, rule.functions, fields, path_to, wrong)
         if not word:  # without it the other keys cannot be read
             del fields[rule.key]
-            _entries(node, fields, holders, way, wrong, complete=False)
+            _entries(node, fields, holders, path_to, wrong, complete=False)
             raise Fault(*wrong)
         function = rule.functions[word]
         parameters = schema.parameters_of(function)
         holders |= dict.fromkeys(parameters, function)
-        values = _entries(node, fields | parameters, holders, way, wrong)
+        values = _entries(node, fields | parameters, holders, path_to, wrong)
         values[rule.key] = word
         values[field] = {name: values.pop(name, default) for name, (_, default) in parameters.items()}
     if wrong.any:
         missing = ((name, default) for name, (_, default) in fields.items() if node.child(name) is None)
         usual = {name: default for name, default in missing if default is not dataclasses.MISSING}
         found = schema.problems(kind, usual | values)
-        raise Fault(*wrong, *(_of_field(node, way, each) for each in found))
+        raise Fault(*wrong, *(_of_field(node, path_to, each) for each in found))
     try:
         return kind(**values)
     except FieldError as error:
-        raise Fault(*(_of_field(node, way, each) for each in (error, *error.others))) from None
+        raise Fault(*(_of_field(node, path_to, each) for each in (error, *error.others))) from None
 
 
-def _of_field(node: Node, way: Way | None, error: FieldError) -> str:
+def _of_field(node: Node, path_to: NodePath | None, error: FieldError) -> str:
     for step in steps(error.field):
-        way = Way(way, step)
-    return message(node.nearest(steps(error.field)), way, error.message)
+        path_to = NodePath(path_to, step)
+    return message(node.nearest(steps(error.field)), path_to, error.message)
 
 
 def _entries(
     node: Node,
     specification: Specification,
     holders: Mapping[str, Holder],
-    way: Way | None,
+    path_to: NodePath | None,
     wrong: _Mistakes,
     *,
     complete: bool = True,
@@ -284,25 +286,25 @@ def _entries(
             near = spelling.nearest(word, [*specification])
             if complete:
                 known = f"did you mean '{near}'?" if near else f"known: {', '.join(specification)}"
-                wrong.note(message(item, Way(way, word), f"unknown key; {known}"))
+                wrong.note(message(item, NodePath(path_to, word), f"unknown key; {known}"))
             meant.add(near)
         elif key in words:
             other = f"the same as '{words[key]}', in another spelling; give one of the two"
-            wrong.note(message(item, Way(way, word), other))
+            wrong.note(message(item, NodePath(path_to, word), other))
         else:
             words[key] = word
-            value = wrong.build(item, specification[key][0], Way(way, word, holders[key]))
+            value = wrong.build(item, specification[key][0], NodePath(path_to, word, holders[key]))
             if value is not _WRONG:
                 values[key] = value
     for key, (kind, default) in specification.items():
         if default is dataclasses.MISSING and key not in words and key not in meant:
-            place = Way(way, key, holders[key])
+            place = NodePath(path_to, key, holders[key])
             wrong.note(message(node, place, f"missing key; {_expected(kind, place)}"))
     return values
 
 
 def _tagged(
-    node: Node, key: str, words: Collection[str], keys: Collection[str], way: Way | None, wrong: _Mistakes
+    node: Node, key: str, words: Collection[str], keys: Collection[str], path_to: NodePath | None, wrong: _Mistakes
 ) -> tuple[str, Node]:
     """The word of a mapping's tag, and the mapping.
 
@@ -314,24 +316,24 @@ def _tagged(
         unknown = [word for word in node.content if spelling.find(word, keys) is None]
         spelt = next((word for word in unknown if spelling.nearest(word, keys) == key), "")
         if not spelt:
-            wrong.note(message(node, Way(way, key), f"missing key; {expected}"))
+            wrong.note(message(node, NodePath(path_to, key), f"missing key; {expected}"))
             return "", node
-        wrong.note(message(node.content[spelt], Way(way, spelt), f"unknown key; did you mean '{key}'?"))
+        wrong.note(message(node.content[spelt], NodePath(path_to, spelt), f"unknown key; did you mean '{key}'?"))
     item = node.content[spelt]
     text = item.content if isinstance(item.content, str) else ""
     word = spelling.find(text, words)
     if item.content is None:  # which is reported already
         wrong.note()
     elif word is None:
-        wrong.note(message(item, Way(way, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
+        wrong.note(message(item, NodePath(path_to, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
     word = word or spelling.nearest(text, words)
     item = dataclasses.replace(item, content=word or item.content)
     content = {key if each == spelt else each: item if each == spelt else node.content[each] for each in node.content}
     return word, dataclasses.replace(node, content=content)
 
 
-def _expected(kind: Kind, way: Way | None) -> str:
-    unit = way.unit if way is not None else ""
+def _expected(kind: Kind, path_to: NodePath | None) -> str:
+    unit = path_to.unit if path_to is not None else ""
     return f"expected {schema.describe(kind)}{f' [{unit}]' * bool(unit)}"
 
 
@@ -343,7 +345,7 @@ def _did_you_mean(node: Node, known: Collection[str]) -> str:
 _BOOLEANS = {"yes": "true", "on": "true", "1": "true", "no": "false", "off": "false", "0": "false"}
 
 
-def _hint(node: Node, base: Kind, way: Way | None) -> str:
+def _hint(node: Node, base: Kind, path_to: NodePath | None) -> str:
     """A suggestion to append to an error about a value that is not of a kind; may be empty."""
     parts = typing.get_args(base) if schema.is_union(base) else (base,)
     kinds = [schema.unwrapped(part)[0] for part in parts]
@@ -356,7 +358,7 @@ def _hint(node: Node, base: Kind, way: Way | None) -> str:
     if bool in kinds and text.lower() in {*_BOOLEANS, "true", "false"}:
         return f"; did you mean {_BOOLEANS.get(text.lower(), text.lower())}?"
     if float in kinds or int in kinds:
-        return _number_hint(node, float if float in kinds else int, way.unit if way is not None else "")
+        return _number_hint(node, float if float in kinds else int, path_to.unit if path_to is not None else "")
     lists = [kind for kind in kinds if schema.origin_of(kind) is tuple and typing.get_args(kind)[-1] is Ellipsis]
     return f"; did you mean [{excerpt(text)}]?" if text and lists else ""
 

@@ -15,7 +15,7 @@ from types import NoneType
 from typing import Any, Literal
 
 from mercator_design.config import schema
-from mercator_design.config.building import Way, build, message
+from mercator_design.config.building import NodePath, build, message
 from mercator_design.config.schema import FieldError, Kind
 from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_INTEGER, Fault, is_text, tree_of
 from mercator_design.errors import MercatorError
@@ -42,14 +42,14 @@ def from_json(
     value = reader(kind)(data)
     if value is not WRONG:
         return value
-    way = Way(None, path) if path else None
+    path_to = NodePath(None, path) if path else None
     try:
         tree = tree_of(data, label)
-        build(tree, kind, way)
+        build(tree, kind, path_to)
     except Fault as fault:
         wrong = "; ".join(fault.args)
     else:
-        wrong = message(tree, way, f"expected {schema.describe(kind)}, found something else")
+        wrong = message(tree, path_to, f"expected {schema.describe(kind)}, found something else")
     raise error(wrong)
 
 

@@ -15,7 +15,7 @@ from typing import TypeAlias, TypeVar
 import yaml
 
 from mercator_design.config import schema
-from mercator_design.config.building import Way, build, message
+from mercator_design.config.building import NodePath, build, message
 from mercator_design.config.schema import (  # noqa: F401 - plugins of older runs import these from here
     FieldError,
     FilePath,
@@ -134,19 +134,19 @@ def _in_order(mistakes: Sequence[str], label: str) -> list[str]:
 
 
 def _on_base(tree: Node, find_base: FindBase, labels: list[str]) -> Node:
-    """A tree merged with its base, and with the base of the base; `labels` are the files on the way."""
+    """A tree merged with its base, and with the base of the base; `labels` are the files before it."""
     if not isinstance(tree.content, dict) or "base" not in tree.content:
         return tree
     base = tree.content.pop("base")
-    way = Way(None, "base")
-    name = build(base, str, way)
+    path_to = NodePath(None, "base")
+    name = build(base, str, path_to)
     try:
         path = find_base(name, tree.folder or Path())
     except MercatorError as error:
-        raise Fault(*(message(base, way, each) for each in error.messages)) from None
+        raise Fault(*(message(base, path_to, each) for each in error.messages)) from None
     file = str(path.resolve())
     if file in labels:
-        raise Fault(message(base, way, f"{path} is based on itself"))
+        raise Fault(message(base, path_to, f"{path} is based on itself"))
     below = _on_base(compose(text_of(path), str(path), path.parent), find_base, [*labels, file])
     if isinstance(below.content, dict):
         for key in ("name", "description"):  # are the base's own

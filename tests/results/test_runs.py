@@ -42,7 +42,7 @@ from mercator_design.race.session.events import (
 from mercator_design.race.session.journal import Journal, read
 from mercator_design.race.session.record import Record
 from mercator_design.results import tables
-from mercator_design.results.analysis.analysis import Ablation
+from mercator_design.results.analysis.ablation import Ablation
 from mercator_design.results.analysis.pruning import without
 from mercator_design.results.files import JOURNAL
 from mercator_design.results.tables import configurations_table, experiments_table

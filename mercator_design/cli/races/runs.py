@@ -11,7 +11,8 @@ from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRES
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.results.analysis import analysis
+from mercator_design.results.analysis.ablation import race_ablation
+from mercator_design.results.analysis.importance import race_importance
 from mercator_design.results.analysis.winners import winners
 from mercator_design.results.files import restored
 from mercator_design.results.tables import configurations_table, experiments_table, tests_table
@@ -148,7 +149,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 @PLUGIN
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Show which modules or parameters explain the scores in the race of DIRECTORY."""
-    task, explanation = analysis.importance(directory, modules=None if what is None else what == "modules", seed=seed)
+    task, explanation = race_importance(directory, modules=None if what is None else what == "modules", seed=seed)
     print_result(importance_csv(explanation) if as_csv else importance_page(task, explanation), nl=False)
 
 
@@ -186,7 +187,7 @@ def ablation(
     task = restored(directory)
     pool = ThreadExecutor(jobs)
     with Interrupt(then=task.stop) as interrupt, pool as executor, AblationDisplay() as display:
-        result = analysis.ablation(
+        result = race_ablation(
             directory,
             task,
             executor,

@@ -4,7 +4,7 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm.text import to_text
 from mercator_design.race.analysis.importance import Importance
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
-from mercator_design.results.analysis.analysis import importance as measured
+from mercator_design.results.analysis.importance import race_importance
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, command, figure, note, p_text, row_of, section
@@ -24,7 +24,7 @@ def importance(facts: Facts) -> Html:
 
 def _importance(facts: Facts) -> Html:
     try:
-        _, explanation = measured(facts.folder)
+        _, explanation = race_importance(facts.folder)
     except RaceError as error:
         return note(error.messages[0])
     dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]

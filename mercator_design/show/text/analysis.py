@@ -14,7 +14,7 @@ from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.race.session.task import Task
-from mercator_design.results.analysis.analysis import Ablation
+from mercator_design.results.analysis.ablation import Ablation
 from mercator_design.show.text.columns import aligned, difference
 from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import Unreadable, read_small

@@ -1,9 +1,8 @@
-"""Analyses a finished race: which parameters or modules matter, and which parts its winner needs.
+"""Which parts of the winner of a finished race matter: a path of changes to it, measured step by step.
 
-The statistics (race/analysis/) do not depend on robots; this module applies them to run folders and PFSMs.
+The statistics (race/analysis/ablation.py) do not depend on robots; this module applies them to a run folder.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,14 +13,13 @@ from typing import Any
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
-from mercator_design.race import Configuration, Experiment, Space, integer
+from mercator_design.race import Configuration, Experiment
 from mercator_design.race.analysis.ablation import Flips, Step, ablate
-from mercator_design.race.analysis.importance import Explanation, explain
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.session.task import Task
 from mercator_design.race.space.parameter import key_of
-from mercator_design.results.analysis.pruning import max_modules, module_counts, one_less, removed, without
-from mercator_design.results.files import check_configurations, read_journal, task_of
+from mercator_design.results.analysis.pruning import one_less, removed, without
+from mercator_design.results.files import check_configurations, read_journal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,36 +40,7 @@ class Ablation:
     simplifies: bool
 
 
-def importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tuple[Task[Any], Explanation]:
-    """Find how much parameters, or the numbers of modules in a PFSM, explain the scores of a race.
-
-    Args:
-        path: The path of the run folder.
-        modules: Whether to explain scores by modules; by default if PFSMs were raced.
-        seed: Seed of folds and shuffles.
-
-    Raises:
-        RaceError: There is no such race, or too little to learn from; see also `runs.files.task_of`.
-    """
-    task, record = task_of(path), read_journal(path).record
-    check_configurations(path, record, task.optimizer.space)
-    numbers = sorted(record.configurations)
-    configurations = [record.configurations[number] for number in numbers]
-    costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
-    for one in record.experiments.values():
-        costs[one.configuration][one.instance] = math.inf if one.score is None else task.cost(one.score)
-    space = task.optimizer.space
-    if modules is None:
-        modules = isinstance(task, Designer)
-    if modules:
-        if not isinstance(task, Designer):
-            raise RaceError(f"{path}: expected a race of PFSMs, whose modules can be counted, found another")
-        space = Space([integer(name, 0, number) for name, number in max_modules(task.flavour).items()])
-        configurations = [dict(module_counts(to_pfsm(one, task.flavour))) for one in configurations]
-    return task, explain(space, configurations, [costs[number] for number in numbers], seed=seed)
-
-
-def ablation(
+def race_ablation(
     path: Path,
     task: Task[Any],
     executor: Executor,
@@ -87,7 +56,7 @@ def ablation(
 
     Args:
         path: The path of the run folder.
-        task: The task, from `runs.files.restored`.
+        task: The task, from `results.files.restored`.
         executor: Runs experiments.
         start: The number of the first configuration.
         first: Whether to start with the best configuration of the first iteration.

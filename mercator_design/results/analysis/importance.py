@@ -1,0 +1,46 @@
+"""Which parameters of a finished race, or modules of its PFSMs, explain its scores.
+
+The statistics (race/analysis/importance.py) do not depend on robots; this module applies them to a run folder.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from mercator_design.designer import Designer
+from mercator_design.errors import RaceError
+from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.race import Space, integer
+from mercator_design.race.analysis.importance import Explanation, explain
+from mercator_design.race.session.task import Task
+from mercator_design.results.analysis.pruning import max_modules, module_counts
+from mercator_design.results.files import check_configurations, read_journal, task_of
+
+
+def race_importance(path: Path, *, modules: bool | None = None, seed: int = 1) -> tuple[Task[Any], Explanation]:
+    """Find how much parameters, or the numbers of modules in a PFSM, explain the scores of a race.
+
+    Args:
+        path: The path of the run folder.
+        modules: Whether to explain scores by modules; by default if PFSMs were raced.
+        seed: Seed of folds and shuffles.
+
+    Raises:
+        RaceError: There is no such race, or too little to learn from; see also `results.files.task_of`.
+    """
+    task, record = task_of(path), read_journal(path).record
+    check_configurations(path, record, task.optimizer.space)
+    numbers = sorted(record.configurations)
+    configurations = [record.configurations[number] for number in numbers]
+    costs: dict[int, dict[int, float]] = {number: {} for number in numbers}
+    for one in record.experiments.values():
+        costs[one.configuration][one.instance] = math.inf if one.score is None else task.cost(one.score)
+    space = task.optimizer.space
+    if modules is None:
+        modules = isinstance(task, Designer)
+    if modules:
+        if not isinstance(task, Designer):
+            raise RaceError(f"{path}: expected a race of PFSMs, whose modules can be counted, found another")
+        space = Space([integer(name, 0, number) for name, number in max_modules(task.flavour).items()])
+        configurations = [dict(module_counts(to_pfsm(one, task.flavour))) for one in configurations]
+    return task, explain(space, configurations, [costs[number] for number in numbers], seed=seed)

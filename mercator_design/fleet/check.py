@@ -127,3 +127,11 @@ def wrong(checked: Sequence[Checked]) -> Iterator[str]:
         for found in each.findings:
             if not found.is_fine:
                 yield f"{each.robot.name}: {found.what}: {found.words}"
+
+
+def unclear(checked: Sequence[Checked]) -> Iterator[str]:
+    """Each finding that a person has to judge, a row each; it prevents no start."""
+    for each in checked:
+        for found in each.findings:
+            if found.is_fine and found.is_unclear:
+                yield f"{each.robot.name}: {found.what}: {found.words}"

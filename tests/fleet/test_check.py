@@ -140,3 +140,17 @@ def test_findings_that_no_check_has(deploy, field, finding, n, words):
     python.write_text(f"#!/bin/sh\ncase \"$*\" in *version*) echo 1; exit 0;; esac\ncat <<'END'\n{said}\nEND\n")
     code, out, err = deploy("--check")
     assert (code, out.count(f"WRONG  r1: {words}")) == (1, 1), (out, err)
+
+
+def test_what_a_person_has_to_judge_is_shown_and_prevents_no_start(deploy, field):
+    """As a clock that NTP cannot reach: the start is tried."""
+    finding = '{"say": "finding", "what": "clock", "is_fine": true, "is_unclear": true, "words": "12:00 was not set"}'
+    python = field / "bin/python3"
+    python.write_text(
+        f"#!/bin/sh\ncase \"$*\" in *version*) echo 1; exit 0;; *check*) echo '{finding}'; "
+        "echo '{\"say\": \"done\"}'; exit 0;; esac\necho '- no run here -' >&2; exit 7\n"
+    )
+    code, out, err = deploy("fsm.txt", "--check", "--start")
+    assert out.count("look   r1: clock: 12:00 was not set\n") == 1
+    assert "WRONG" not in out
+    assert (code, "failed the check" in err, "no robot runs" in err) == (1, False, True), (out, err)

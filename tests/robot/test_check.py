@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections import deque
 from contextlib import closing
-from pathlib import Path
 
 import pytest
 from serial.tools import list_ports
@@ -17,7 +16,6 @@ from serial.tools.list_ports_common import ListPortInfo
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.protocols.ydlidar import DeviceInfo, Health, Packet, ScanStarted
 from mercator_design.robot.setup import check as checking
-from mercator_design.robot.setup.check import check_clock, check_console, check_programs, check_uart
 from mercator_design.robot.setup.judging import rate_of
 from tests.processes import started
 from tests.robot.devices import CLEAR
@@ -29,24 +27,6 @@ def devices(simulated, monkeypatch):
     simulated.heads = [(1.0, 2.0)]
     simulated.measured["proximity"] = [0.5, math.inf, 0.02, *CLEAR[3:]]
     return simulated
-
-
-@pytest.fixture
-def processes(tmp_path, monkeypatch):
-    """Sets what else runs: names and arguments."""
-    folder = tmp_path / "proc"
-    folder.mkdir()
-    monkeypatch.setattr(checking, "PROCESSES", folder)
-    monkeypatch.setattr(checking, "RULES", tmp_path / "99-mercator.rules")
-    monkeypatch.setattr(checking, "TIMESYNC", tmp_path / "timesync")
-
-    def run(*lines):
-        for number, (name, *arguments) in enumerate(map(str.split, lines)):
-            (folder / str(number)).mkdir()
-            (folder / str(number) / "comm").write_text(f"{name}\n")
-            (folder / str(number) / "cmdline").write_text("\0".join([f"/usr/sbin/{name}", *arguments, ""]))
-
-    return run
 
 
 @pytest.fixture
@@ -324,107 +304,14 @@ def test_rates_are_of_what_lies_between():
     assert (rate_of([0.1], 2.0), rate_of([], 2.0)) == (0.0, 0.0)
 
 
-def test_a_clock_that_was_never_set(tmp_path, monkeypatch):
-    monkeypatch.setattr(checking, "TIMESYNC", tmp_path / "timesync")
-    finding = check_clock(0.0)
-    assert not finding.is_fine
-    assert " is in the past; a Pi has no clock of its own" in finding.words
-    later = Path(__file__).stat().st_mtime + 1e7
-    assert check_clock(later).is_fine
-    (tmp_path / "timesync").mkdir()
-    finding = check_clock(later)
-    assert not finding.is_fine
-    assert " was not set over the network since " in finding.words
-    (tmp_path / "timesync/synchronized").touch()
-    assert check_clock(later).is_fine
-
-
-@pytest.mark.parametrize(
-    ("kernel", "is_fine"),
-    [
-        ("console=serial0,115200 console=tty1 root=PARTUUID=1", False),
-        ("8250.nr_uarts=0 console=ttyAMA0 quiet", True),
-        ("console=tty1", True),
-        ("", True),
-    ],
-)
-def test_a_console_on_the_uart(kernel, is_fine):
-    finding = check_console("/dev/serial0", kernel)
-    assert finding.is_fine == is_fine
-    assert is_fine or "raspi-config" in finding.words
-
-
-def test_a_console_by_another_name_of_the_uart(tmp_path):
-    (tmp_path / "ttyAMA0").touch()
-    (tmp_path / "serial0").symlink_to(tmp_path / "ttyAMA0")
-    assert not check_console(str(tmp_path / "serial0"), "console=ttyAMA0,115200").is_fine
-
-
-class TestUart:
-    @pytest.mark.parametrize(
-        "config",
-        [
-            "[all]\nenable_uart = 1  # pins the clock\n",
-            "enable_uart=0\nenable_uart=1\n",
-            "dtoverlay=disable-bt\n",
-            "dtoverlay=pi3-miniuart-bt\n",
-            "[cm4]\nenable_uart=0\n[pi4]\nenable_uart=1\n",
-        ],
-    )
-    def test_on(self, config):
-        assert [f.is_fine for f in check_uart("/dev/serial0", "8250.nr_uarts=0 quiet", config)] == [True]
-
-    @pytest.mark.parametrize(
-        "config",
-        [
-            "# enable_uart=1\n",
-            "enable_uart=1\nenable_uart=0\n",
-            "dtoverlay=disable-bt\nenable_uart=0\n",
-            "arm_64bit=1\n",
-            "[pi5]\nenable_uart=1\n",
-        ],
-    )
-    def test_off_or_at_a_rate_that_changes(self, config):
-        (finding,) = check_uart("/dev/ttyS0", "", config)
-        assert not finding.is_fine
-        assert finding.words.startswith("enable_uart=1 is not in config.txt: ")
-        assert "raspi-config" in finding.words
-
-    def test_hidden(self):
-        (finding,) = check_uart("/dev/ttyS0", "8250.nr_uarts=0 quiet", "enable_uart=1\n")
-        assert (finding.is_fine, finding.words.startswith("8250.nr_uarts=0 hides it")) == (False, True)
-
-    @pytest.mark.parametrize(("port", "config"), [("/dev/ttyUSB0", "arm_64bit=1"), ("/dev/serial0", "")])
-    def test_not_to_be_told(self, port, config):
-        assert list(check_uart(port, "", config)) == []
-
-
-class TestOtherPrograms:
-    def test_those_that_take_ports(self, processes):
-        processes("init", "ModemManager", "brltty --no-daemon", "agetty --keep-baud 115200 ttyS0 vt220")
-        finding = check_programs("/dev/ttyS0")
-        assert not finding.is_fine
-        modems, login, braille = (
-            finding.words.index(word) for word in ("ModemManager writes", "a login", "brltty opens")
-        )
-        assert modems < login < braille
-
-    def test_those_that_do_not(self, processes, tmp_path):
-        rules = tmp_path / "99-mercator.rules"
-        rules.write_text('SYMLINK+="mercator-lidar"')
-        processes("ModemManager", "agetty -o -p tty1 linux")
-        assert check_programs("/dev/ttyS0").words.startswith("ModemManager writes")
-        rules.write_text('SYMLINK+="mercator-lidar", SYMLINK+="mercator-proximity"')
-        assert check_programs("/dev/ttyS0")[:3] == ("other programs", True, "none that opens ports")
-
-    def test_one_that_reads_a_port_too(self, found):
-        ends = os.openpty()
-        lidar = os.ttyname(ends[1])
-        code = f"import os, sys; os.open({lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
-        with started(sys.executable, "-c", code, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-            other.stdout.readline()
-            _, _, wrong, _ = found(lidar=lidar)
-        for end in ends:
-            os.close(end)
-        assert "in use by another program (" in wrong["lidar"]
-        assert wrong["lidar"].endswith(f", process {other.pid}); end it first")
+def test_one_that_reads_a_port_too(found):
+    ends = os.openpty()
+    lidar = os.ttyname(ends[1])
+    code = f"import os, sys; os.open({lidar!r}, os.O_RDONLY | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
+    with started(sys.executable, "-c", code, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        _, _, wrong, _ = found(lidar=lidar)
+    for end in ends:
+        os.close(end)
+    assert "in use by another program (" in wrong["lidar"]
+    assert wrong["lidar"].endswith(f", process {other.pid}); end it first")

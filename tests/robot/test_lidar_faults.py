@@ -7,7 +7,6 @@ import pytest
 
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.settings import parse_settings
-from mercator_design.robot.setup import check as checking
 from mercator_design.twin.devices.lidar import Hiding, LidarState
 from tests.robot.log_events import read
 from tests.robot.simulated import START
@@ -29,9 +28,8 @@ def sends(devices, data):
 
 
 @pytest.fixture
-def rows(robot_command, simulated, tmp_path, monkeypatch):
+def rows(robot_command, simulated, tmp_path, processes):
     """Check a lidar in a state in a room, after robot.yaml's lines; gives the exit code, and marks and words by row."""
-    monkeypatch.setattr(checking, "TIMESYNC", tmp_path / "timesync")
     simulated.wall = 2.0
 
     def run(state=None, settings=""):

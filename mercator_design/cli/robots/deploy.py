@@ -17,7 +17,7 @@ from mercator_design.command import (
 )
 from mercator_design.errors import RobotError, printable
 from mercator_design.fleet import deploy as do
-from mercator_design.fleet.check import check, table, wrong
+from mercator_design.fleet.check import check, table, unclear, wrong
 from mercator_design.fleet.deploy import Fleet, RobotOutcome
 from mercator_design.fleet.start import start
 from mercator_design.fsm import ReferenceModel
@@ -126,6 +126,8 @@ def _check(fleet: Fleet, timeout: float, options: list[str]) -> None:
         print_result(printable(row))
     for row in wrong(checked):
         print_result(f"WRONG  {printable(row)}")
+    for row in unclear(checked):
+        print_result(f"look   {printable(row)}")
     if names := {each.robot.name for each in checked if [*wrong([each])]}:
         raise RobotError(f"{len(names)} of {len(checked)} robots failed the check")
 

@@ -26,8 +26,8 @@ _MUCH = 1000  # bytes without meaning from a device that was understood; a few a
 _NEVER_HEARD: Mapping[DeviceName, str] = {
     "rvr": "is it switched on, charged and awake? Is its UART on (as sold it is off; an update with the app Sphero Edu "
     "turns it on), and this computer's at 115200 baud whatever its clock (enable_uart=1)? Are TX and RX crossed? Is a "
-    "login shell on the port (raspi-config)? Do its lamps flash yellow (more than 2.15 A; switch it off and on)? Does "
-    "the UART work (run `mercator-robot check` with TX and RX joined in place of the RVR)?",
+    "login shell on the port (`mercator-robot check` finds it)? Do its lamps flash yellow (more than 2.15 A; switch it "
+    "off and on)? Does the UART work (run `mercator-robot check` with TX and RX joined in place of the RVR)?",
     "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which sends at 128000 baud?",
     "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
     "plugged in?",

@@ -178,8 +178,8 @@ def _wrong(path: str, error: OSError) -> str:
             return f"no such port; connected are {_listed(list_ports.comports())}"
         case errno.EACCES | errno.EPERM if Path(path).stat().st_mode & _OF_GROUP != _OF_GROUP:  # as login shells do
             return (
-                "no permission, and its group has none either; is a login shell on it (raspi-config), or is it "
-                "of another user?"
+                "no permission, and its group has none either; is a login shell on it (`mercator-robot "
+                "check` finds it), or is it of another user?"
             )
         case errno.EACCES | errno.EPERM:
             return f"no permission; {_permission(_group(path), user_name() or str(os.getuid()))}"

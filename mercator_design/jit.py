@@ -13,7 +13,6 @@ import functools
 import importlib
 import os
 import re
-import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -29,6 +28,7 @@ _waiting: list[Callable[..., Any]] = []
 _marked: set[Callable[..., Any]] = set()
 _compiled: dict[Callable[..., Any], Callable[..., Any]] = {}
 _lock = threading.RLock()
+_listeners: list[Callable[[], None]] = []
 
 
 def jittable(function: F) -> F:
@@ -224,7 +224,7 @@ class _Entry:
             self._entry = numba.njit(**options)(self._function)
         finally:
             numba.config.CACHE_DIR = usual
-        self._cache = kernel_cache.keep_whole(self._entry._cache, part, _register_waiting)  # noqa: SLF001 - no other way
+        self._cache = kernel_cache.keep_whole(self._entry._cache, part, _missed, _register_waiting)  # noqa: SLF001 - no other way
         self._entry._cache = self._cache  # noqa: SLF001
         self._errors = (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError)
 
@@ -283,40 +283,31 @@ def _load_array_functions() -> None:
         linalg.ensure_blas = ensure_blas
 
 
-def is_cached(function: Callable[..., Any]) -> bool:
-    """Whether the present form of an entry function is in the cache."""
-    python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    if not jit_wanted():
-        return True
-    folder = cache_folder()
-    if folder is None:
-        return False
-    part = _part(function)
-    files = f"{kernel_cache.folder_of(function, part, '*')}/*.{kernel_sources.name_of(function, part)}-*.{python}*.nbi"
-    return any(map(kernel_cache.is_whole, folder.glob(files)))
-
-
 @contextlib.contextmanager
 def announced(announce: Callable[[], None]) -> Iterator[None]:
     """In this context, call `announce` once before something is compiled that is not in the cache."""
-    if not jit_wanted():
+    waiting = [announce]
+
+    def once() -> None:
+        with contextlib.suppress(IndexError):  # it was called
+            waiting.pop()()
+
+    _listeners.append(once)
+    try:
         yield
-        return
-    from numba.core import event
+    finally:
+        _listeners.remove(once)
 
-    class Once(event.Listener):  # type: ignore[misc]
-        is_done = False
 
-        def on_start(self, event: object) -> None:
-            if not self.is_done:
-                self.is_done = True
-                announce()
+def _missed() -> None:
+    for listener in [*_listeners]:
+        listener()
 
-        def on_end(self, event: object) -> None:
-            """Required by numba."""
 
-    with event.install_listener("numba:compile", Once()):
-        yield
+def compiling(what: str) -> str:
+    """A message that something is compiled, with the reason if that is for this run only."""
+    fate = f" for this run only: {problem}" if (problem := cache_warning()) else "; later runs find it in the cache"
+    return f"Compiling {what}{fate} ..."
 
 
 def cache_folder() -> Path | None:
@@ -325,7 +316,7 @@ def cache_folder() -> Path | None:
 
 
 def cache_warning() -> str:
-    """Why this is not the usual folder; empty if it is."""
+    """Why compiled code is lost when this process ends, and what to do; empty if it is kept."""
     return _cache().problem if jit_wanted() else ""
 
 

@@ -1,6 +1,7 @@
 import contextlib
 import gc
 import os
+import pwd
 import signal
 import sys
 from functools import partial
@@ -143,3 +144,15 @@ def page(chromium):
     """A page of the browser that all modules share."""
     yield chromium
     chromium.open("about:blank")  # which ends its event streams
+
+
+@pytest.fixture
+def homeless(monkeypatch):
+    """This user has neither an account nor a home, as in a container that runs as any number."""
+
+    def unknown(number):
+        raise KeyError(number)
+
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    for name in ("HOME", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR"):
+        monkeypatch.delenv(name, raising=False)

@@ -1,15 +1,18 @@
 """Machine code from a cache is this user's own, and whole."""
 
+import errno
 import os
 import pickle
 import subprocess
 import sys
 from pathlib import Path
 
+import platformdirs
 import pytest
 
 from mercator_design.system import kernel_cache
 from mercator_design.system.kernel_cache import Turn, _Digesting, is_whole, place, why_not_private
+from mercator_design.system.user_folders import user_folder
 
 IS_ROOT = os.geteuid() == 0
 OTHER = 65533
@@ -18,8 +21,8 @@ OTHER = 65533
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """The folder that NUMBA_CACHE_DIR names; the place is looked up anew."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(kernel_cache, "place", place.__wrapped__)
+    given = "NUMBA_CACHE_DIR", str(tmp_path / "cache")
+    monkeypatch.setattr(kernel_cache, "place", lambda name: (monkeypatch.setenv(*given), place.__wrapped__(name))[1])
     return tmp_path / "cache"
 
 
@@ -80,7 +83,7 @@ class TestFolders:
         folder.chmod(mode)
         found, problem = kernel_cache.place("x")
         assert found != folder
-        assert f"{folder}: other users may write to {folder}; so compiled code is lost" in problem
+        assert f"{folder}: other users may write to {folder}; set NUMBA_CACHE_DIR" in problem
         assert found.stat().st_mode & 0o777 == 0o700
 
     def test_others_may_write_where_it_is(self, cache):
@@ -130,6 +133,58 @@ class TestFolders:
         folder, problem = kernel_cache.place("x")
         assert folder is None
         assert "no file can be written there" in problem
+
+
+class TestWithoutAHome:
+    @pytest.mark.usefixtures("homeless")
+    def test_code_is_kept_in_a_private_folder_also_for_processes_that_are_started(self, monkeypatch):
+        monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+        folder, problem = place.__wrapped__("x")
+        assert problem == "this user has no home folder; set NUMBA_CACHE_DIR to a folder of your own"
+        assert folder.parent.stat().st_mode & 0o777 == folder.stat().st_mode & 0o777 == 0o700
+        assert place.__wrapped__("x") == (folder, "")  # as in another process of this environment
+
+    @pytest.mark.usefixtures("homeless")
+    def test_a_folder_that_is_named_is_used(self, cache):
+        assert kernel_cache.place("x") == (cache / "x", "")
+
+    @pytest.mark.usefixtures("homeless")
+    @pytest.mark.parametrize("kind", ["cache", "config"])
+    def test_no_folder_is_made_up(self, monkeypatch, kind):
+        assert user_folder(kind) is None
+        monkeypatch.setattr(platformdirs, f"user_{kind}_path", lambda name: Path("~", name))  # of older versions
+        assert user_folder(kind) is None
+
+
+class TestReadOnly:
+    @pytest.fixture
+    def written_before(self, cache, monkeypatch):
+        """What is in the cache, of which nothing can be changed any more."""
+        folder, _ = kernel_cache.place("x")
+        (folder / "kernels").mkdir()
+        written(folder / "kernels" / "code")
+        (folder / "kernels").chmod(0o500)
+
+        def refused(dir):
+            raise OSError(errno.EROFS, "Read-only file system")
+
+        monkeypatch.setattr(kernel_cache.tempfile, "TemporaryFile", refused)
+        return folder / "kernels" / "code"
+
+    def test_what_is_there_is_used_and_more_is_written_elsewhere(self, written_before):
+        folder, problem = kernel_cache.place("x")
+        copy = folder / "kernels" / "code"
+        assert copy != written_before
+        assert is_whole(copy)
+        assert (folder / "kernels").stat().st_mode & 0o777 == 0o700
+        assert problem.startswith(f"{written_before.parents[1]}: no file can be written there; set NUMBA_CACHE_DIR")
+
+    def test_what_is_there_is_used_where_no_file_can_be_written_at_all(self, written_before, monkeypatch):
+        def refused(prefix):
+            raise OSError(errno.EROFS, "Read-only file system")
+
+        monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", refused)
+        assert kernel_cache.place("x")[0] == written_before.parents[1]
 
 
 class _Evil:
@@ -246,7 +301,7 @@ class TestWhoMayCompile:
         return found
 
     def test_others_wait_until_it_is_saved_or_given_up(self, turn):
-        cache = kernel_cache.Forgiving(_Cache(lambda: None), lambda: None, turn)
+        cache = kernel_cache.Forgiving(_Cache(lambda: None), lambda: None, lambda: None, turn)
         for end in (lambda: cache.save_overload(None, None), cache.give_up):
             assert cache.load_overload(None, None) is None
             assert not self.is_free(turn)
@@ -255,7 +310,7 @@ class TestWhoMayCompile:
 
     def test_who_has_waited_finds_it(self, turn):
         found = iter([None, "machine code"])
-        cache = kernel_cache.Forgiving(_Cache(lambda: next(found)), pytest.fail, turn)
+        cache = kernel_cache.Forgiving(_Cache(lambda: next(found)), lambda: None, pytest.fail, turn)
         assert cache.load_overload(None, None) == "machine code"
         assert self.is_free(turn)
 
@@ -264,5 +319,5 @@ class TestWhoMayCompile:
             raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            kernel_cache.Forgiving(_Cache(lambda: None), fail, turn).load_overload(None, None)
+            kernel_cache.Forgiving(_Cache(lambda: None), lambda: None, fail, turn).load_overload(None, None)
         assert self.is_free(turn)

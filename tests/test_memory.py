@@ -83,7 +83,7 @@ class TestALimitOfAddressSpace:
                 loads.append(None)
 
         loads = []
-        cache = kernel_cache.keep_whole(Cache(), "", lambda: None)
+        cache = kernel_cache.keep_whole(Cache(), "", lambda: None, lambda: None)
         assert cache.load_overload(None, None) is None
         assert len(loads) == 1
         used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")

@@ -10,7 +10,7 @@ from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.jit import cache_warning, compiled, is_cached, jit_wanted
+from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.missions.trace import Trace
@@ -152,14 +152,11 @@ class Simulator:
         Raises:
             MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
         """
-        if warning := cache_warning():
-            announce(f"Warning: the cache of compiled code is not used: {warning}")
-        if not is_cached(kernel.experiment):
-            announce(f"Compiling the simulator{'; later runs find it in the cache' * (not warning)} ...")
-        self.check_placement()
-        prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
-        prepared.run()
-        return prepared.outcome().recording
+        with announced(lambda: announce(compiling("the simulator"))):
+            self.check_placement()
+            prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
+            prepared.run()
+            return prepared.outcome().recording
 
     def check_placement(self) -> None:
         """Check in ten instances that the robots find places to start from.

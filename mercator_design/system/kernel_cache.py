@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mercator_design.system import address_space
+from mercator_design.system.user_folders import user_folder
 
 _DIGEST = 32
 """Bytes of the digest at the end of a file."""
@@ -34,34 +35,45 @@ class Place(NamedTuple):
     """The folder of the cache."""
 
     folder: Path | None  # None: there is none
-    problem: str  # why the usual folder is not used; empty if it is
+    problem: str  # why what is compiled is lost when this process ends, and what to do; empty if it is kept
 
 
 @functools.cache
 def place(name: str) -> Place:
-    """The folder of a name in the user's cache; if that is not possible, a folder of this process.
+    """The folder of a name in the user's cache; if that is not possible, a temporary folder of this process.
 
-    The cache is NUMBA_CACHE_DIR if that is set, else the user's cache folder.
+    The cache is NUMBA_CACHE_DIR if that is set, else the user's cache folder. If it can only be read, what is in it is
+    copied to the temporary folder. Processes that this one starts use the temporary folder, too.
     """
-    import platformdirs
-
-    usual = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("mercator_design")
-    problem = "no file can be written there"
-    with contextlib.suppress(OSError, RuntimeError):  # a link to itself raises either
-        folder = Path(usual).resolve() / name
-        for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
-            missing.mkdir(mode=0o700, exist_ok=True)
-        problem = why_not_private(folder)
-        if not problem:
-            with tempfile.TemporaryFile(dir=folder):
-                return Place(folder, "")
-    problem = f"{Path(usual) / name}: {problem}; so compiled code is lost when this process ends"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    usual = Path(given) if given else user_folder("cache")
+    problem, readable = "this user has no home folder", None
+    if usual is not None:
+        problem = f"{usual / name}: no file can be written there"
+        with contextlib.suppress(OSError, RuntimeError):  # a link to itself raises either
+            folder = usual.resolve() / name
+            for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
+                missing.mkdir(mode=0o700, exist_ok=True)
+            if reason := why_not_private(folder):
+                problem = f"{usual / name}: {reason}"
+            else:
+                readable = folder
+                with tempfile.TemporaryFile(dir=folder):
+                    return Place(folder, "")
+    problem += "; set NUMBA_CACHE_DIR to a folder of your own"
     try:
-        folder = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # only this user may enter it
+        cache = Path(tempfile.mkdtemp(prefix="mercator_design-"))  # only this user may enter it
     except OSError:
-        return Place(None, problem)
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Place(folder, problem)
+        return Place(readable, problem)
+    atexit.register(shutil.rmtree, cache, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(cache)
+    if readable is not None:
+        with contextlib.suppress(OSError):  # what cannot be copied is compiled
+            shutil.copytree(readable, cache / name)
+    (cache / name).mkdir(exist_ok=True)
+    for copy, _, _ in os.walk(cache):  # which may have been a folder that nobody may change
+        Path(copy).chmod(0o700)
+    return Place(cache / name, problem)
 
 
 def why_not_private(folder: Path) -> str:
@@ -106,7 +118,12 @@ def folder_of(function: Callable[..., Any], part: str, version: str) -> str:
     return "-".join([function.__module__ or "", *([part] if part else []), "numba", version])
 
 
-def keep_whole(cache: Any, part: str, before_compiling: Callable[[], None]) -> "Forgiving":  # noqa: ANN401 - numba has no types
+def keep_whole(
+    cache: Any,  # noqa: ANN401 - numba has no types
+    part: str,
+    missed: Callable[[], None],
+    before_compiling: Callable[[], None],
+) -> "Forgiving":
     """Make numba's cache of one function load only complete files, and raise only for a lack of memory.
 
     Installations with the same sources share compiled code: numba would look in a folder named by the path of the
@@ -115,11 +132,12 @@ def keep_whole(cache: Any, part: str, before_compiling: Callable[[], None]) -> "
     Args:
         cache: The cache.
         part: A digest of the kernels of other packages in it, such as plugins; empty if there are none.
-        before_compiling: Called if the cache does not have what is wanted.
+        missed: Called if the cache does not have what is wanted.
+        before_compiling: Called if no other process has compiled it either.
     """
     files = getattr(cache, "_cache_file", None)  # numba offers no other way in
     if files is None:  # nothing is cached
-        return Forgiving(cache, before_compiling)
+        return Forgiving(cache, missed, before_compiling)
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
     from importlib.metadata import version  # slow to import, and a robot compiles nothing
 
@@ -151,7 +169,7 @@ def keep_whole(cache: Any, part: str, before_compiling: Callable[[], None]) -> "
                 file.write(digesting.digest.digest())
 
     files.__class__ = Whole
-    return Forgiving(cache, before_compiling, Turn(Path(f"{files._index_path}.lock")))  # noqa: SLF001
+    return Forgiving(cache, missed, before_compiling, Turn(Path(f"{files._index_path}.lock")))  # noqa: SLF001
 
 
 class _Digesting:
@@ -221,8 +239,15 @@ class Forgiving:
     Raises MemoryError if LLVM would end this process for lack of memory.
     """
 
-    def __init__(self, cache: Any, before_compiling: Callable[[], None], turn: Turn | None = None) -> None:  # noqa: ANN401
+    def __init__(
+        self,
+        cache: Any,  # noqa: ANN401
+        missed: Callable[[], None],
+        before_compiling: Callable[[], None],
+        turn: Turn | None = None,
+    ) -> None:
         self._cache = cache
+        self._missed = missed
         self._before_compiling = before_compiling
         self._turn = turn
 
@@ -236,6 +261,7 @@ class Forgiving:
         if found is not None:
             return found
         address_space.require(address_space.TO_COMPILE, "to compile")
+        self._missed()
         try:
             if self._turn:
                 self._turn.begin()

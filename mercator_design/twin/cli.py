@@ -7,7 +7,7 @@ import click
 from mercator_design.cli.options import PLUGIN, ROBOT_MODEL, SET, seed_of
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import FILE, NumberRange, print_message, print_result
-from mercator_design.jit import announced
+from mercator_design.jit import announced, compiling
 from mercator_design.missions.mission import load_mission
 from mercator_design.robot.run.safety import raise_priority
 from mercator_design.sim.robot_model import load_robot_model
@@ -58,7 +58,7 @@ def twin(
     if no_noise:
         model = without_noise(model)
     place = usual_folder() if folder is None else folder
-    with announced(lambda: print_message("Compiling the twin; later runs find it in the cache ...")):
+    with announced(lambda: print_message(compiling("the twin"))):
         arena = TwinArena(loaded, model, seed)
         with open_log(place) as log:
             terminals = Terminals(Twin(arena, script, log), place)

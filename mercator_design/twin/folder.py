@@ -8,11 +8,10 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-import platformdirs
-
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.ports import DEVICES
 from mercator_design.system.files import writing
+from mercator_design.system.user_folders import user_folder
 from mercator_design.twin.twin import Log
 
 ROBOT = "robot.yaml"
@@ -32,7 +31,10 @@ def usual_folder() -> Path:
     Raises:
         RobotError: if the folder cannot be made, belongs to another user, or others may enter it.
     """
-    folder = (_runtime_directory() or platformdirs.user_cache_path("mercator_design")) / _NAME
+    parent = _runtime_directory() or user_folder("cache")
+    if parent is None:
+        raise RobotError("this user has no home folder for the twin's ports; give a folder with --folder")
+    folder = parent / _NAME
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)

@@ -200,6 +200,10 @@ class TestToken:
     def test_none(self, file):
         assert token_for("http://a", {}) == ""
 
+    @pytest.mark.usefixtures("homeless")
+    def test_without_a_home(self):
+        assert token_for("http://a", {}) == ""
+
     def test_of_the_environment(self, file):
         assert token_for("http://a", {"MERCATOR_DESIGN_TOKEN": " t1 "}) == "t1"
 

@@ -83,3 +83,10 @@ def test_the_command_uses_it(run_command, runtime, monkeypatch):
     monkeypatch.setattr(TwinArena, "rehearse", rehearse)
     assert run_command("mercator-robot", main, "twin", "aggregation")[0] == 130
     assert (runtime / "mercator-twin/twin.jsonl").exists()
+
+
+@pytest.mark.usefixtures("homeless")
+def test_a_user_without_a_home_gives_a_folder(run_command, monkeypatch):
+    monkeypatch.setattr(os, "getuid", lambda: 987654)  # nobody's, so /run/user has no folder of it
+    code, _, err = run_command("mercator-robot", main, "twin", "aggregation")
+    assert (code, err) == (1, "Error: this user has no home folder for the twin's ports; give a folder with --folder\n")

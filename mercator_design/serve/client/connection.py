@@ -9,11 +9,11 @@ from typing import Any, Self
 from urllib.parse import quote, urlsplit
 
 import httpx
-import platformdirs
 
 from mercator_design import __version__
 from mercator_design.errors import MercatorError, MissionError, excerpt, printable
 from mercator_design.system.files import Unreadable, read_small
+from mercator_design.system.user_folders import user_folder
 
 SERVER = "http://127.0.0.1:8000"
 """Where a service is by default."""
@@ -34,9 +34,10 @@ class Lost(ClientError):  # noqa: N818 - says what has happened
     """The connection was lost, or the service cannot answer now: a later try may succeed."""
 
 
-def token_file() -> Path:
-    """The user's file of tokens: a line for each service, with its address and the token."""
-    return platformdirs.user_config_path("mercator_design") / "tokens"
+def token_file() -> Path | None:
+    """The user's file of tokens: a line for each service, with its address and the token; None without a home."""
+    folder = user_folder("config")
+    return folder / "tokens" if folder else None
 
 
 def token_for(server: str, environment: Mapping[str, str] = os.environ) -> str:
@@ -49,7 +50,7 @@ def token_for(server: str, environment: Mapping[str, str] = os.environ) -> str:
         return _checked(token, TOKEN_VARIABLE)
     file = token_file()
     try:
-        if not file.exists():
+        if file is None or not file.exists():
             return ""
         if stat.S_IMODE(file.stat().st_mode) & 0o077:
             raise ClientError(f"{file}: other users of this machine may read it; run: chmod 600 {file}")
@@ -143,7 +144,8 @@ class Connection:
         """An answer that is an error, with the messages of the service."""
         status, messages = answer.status_code, _messages(answer)
         if status == 401:
-            messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}, or in a line of {token_file()}")
+            or_file = f", or in a line of {file}" if (file := token_file()) else ""
+            messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}{or_file}")
         kind = Lost if status in (502, 503, 504) else ClientError
         refusal = kind(*messages)
         if status == 422:  # what is not valid

@@ -5,6 +5,7 @@ Results go to stdout or named files, messages to stderr.
 
 import contextlib
 import importlib
+import io
 import math
 import os
 import signal
@@ -70,7 +71,7 @@ def run(command: click.Command, name: str) -> None:
     except click.ClickException as error:
         if not isinstance(error, _HELP):
             error.message = printable(error.message)  # type: ignore[misc]  # there is no other way
-        error.show()
+        error.show(file=sys.stderr)
         sys.exit(error.exit_code)
     except MercatorError as error:
         print_error(error)
@@ -91,6 +92,8 @@ def run(command: click.Command, name: str) -> None:
             print_message(f"Error: not enough memory{f': {lack}' * bool(str(lack))}")
         elif isinstance(error, OSError):
             print_message(f"Error: {error}")
+        elif isinstance(error, UnicodeEncodeError):  # of a name in a file: streams take any text
+            print_message(f"Error: {error.object}: no file can have this name in {error.encoding}; set PYTHONUTF8=1")
         else:
             raise
         _discard(sys.stdout)
@@ -98,13 +101,19 @@ def run(command: click.Command, name: str) -> None:
 
 
 def _open_streams() -> None:
-    """Open closed streams (`2>&-`) on /dev/null: else a file of ours, such as the journal, might get their number."""
+    """Make streams take any text: closed ones lead to /dev/null, others escape what their encoding lacks.
+
+    If a stream remained closed (`2>&-`), a file of ours, such as the journal, might get its number.
+    """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - until the end
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _discard(stream: TextIO) -> None:
@@ -122,7 +131,9 @@ def print_result(result: object, *, nl: bool = True, exact: bool = False, err: b
         err: Whether to print it on stderr, because stdout is for something else.
     """
     text = str(result)
-    click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl, err=err)
+    # click itself would write UTF-8 to streams of ASCII.
+    file = sys.stderr if err else sys.stdout
+    click.echo(text if exact and not sys.stdout.isatty() else printable_lines(text), nl=nl, file=file)
 
 
 def print_message(message: str) -> None:

@@ -1,14 +1,19 @@
 """What the commands mdesign and mercator-robot share."""
 
 import contextlib
+import io
+import sys
 
 import click
 import pytest
 
 from mercator_design.cli import cli as mdesign
+from mercator_design.cli import main as mdesign_main
 from mercator_design.command import Spelled, SpelledGroup, print_error
+from mercator_design.config import shipped
 from mercator_design.errors import MissionError
 from mercator_design.robot.cli import cli as mercator_robot
+from mercator_design.robot.cli import main as robot_main
 
 
 def verbs(group):
@@ -71,3 +76,45 @@ def test_each_mistake_has_its_line(capsys):
     error.add_note("resume it")
     print_error(error)
     assert capsys.readouterr().err == "Error: a.yaml:1: x\nError: a.yaml:2: y\\n; resume it\n"
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii"])
+@pytest.mark.parametrize("command", ["mdesign", "mercator-robot"])
+class TestStreamsOfFewCharacters:
+    """Of a terminal or file that is not UTF-8: what it lacks is escaped, wherever it is from."""
+
+    @pytest.fixture
+    def run_in(self, monkeypatch, command, encoding):
+        """Run the command with arguments; return the exit code, and the bytes of stdout and stderr."""
+
+        def run_it(*arguments):
+            streams = {name: io.TextIOWrapper(io.BytesIO(), encoding, "strict") for name in ("stdout", "stderr")}
+            for name, stream in streams.items():
+                monkeypatch.setattr(sys, name, stream)
+            monkeypatch.setattr(sys, "argv", [command, *arguments])
+            with pytest.raises(SystemExit) as stop:
+                {"mdesign": mdesign_main, "mercator-robot": robot_main}[command]()
+            for stream in streams.values():
+                stream.flush()
+            return stop.value.code or 0, *(stream.buffer.getvalue().decode(encoding) for stream in streams.values())
+
+        return run_it
+
+    def test_wrong_usage(self, run_in):
+        code, _, err = run_in("w\u00e4hle\u2192")
+        assert code == 2
+        assert "hle\\u2192'" in err
+
+    def test_an_error(self, run_in, command):
+        arguments = {"mdesign": ["evaluate", "no\u2192.txt"], "mercator-robot": ["run", "no\u2192.txt"]}[command]
+        code, _, err = run_in(*arguments)
+        assert code == 3
+        assert "no\\u2192.txt: no such file" in err
+
+    def test_a_result(self, run_in, command, tmp_path):
+        if command == "mercator-robot":
+            pytest.skip("its results are ASCII")
+        (tmp_path / "m.yaml").write_text(shipped.missions()["aggregation"].read_text() + "# no\u2192", "utf-8")
+        code, out, _ = run_in("missions", "show", str(tmp_path / "m.yaml"))
+        assert code == 0
+        assert "no\\u2192" in out

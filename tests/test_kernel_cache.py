@@ -165,7 +165,7 @@ class TestReadOnly:
         written(folder / "kernels" / "code")
         (folder / "kernels").chmod(0o500)
 
-        def refused(dir):
+        def refused(**_):
             raise OSError(errno.EROFS, "Read-only file system")
 
         monkeypatch.setattr(kernel_cache.tempfile, "TemporaryFile", refused)
@@ -180,7 +180,7 @@ class TestReadOnly:
         assert problem.startswith(f"{written_before.parents[1]}: no file can be written there; set NUMBA_CACHE_DIR")
 
     def test_what_is_there_is_used_where_no_file_can_be_written_at_all(self, written_before, monkeypatch):
-        def refused(prefix):
+        def refused(**_):
             raise OSError(errno.EROFS, "Read-only file system")
 
         monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", refused)

@@ -268,7 +268,7 @@ def _permitted(path: Path) -> Iterator[None]:
 def _is_running() -> bool:
     with contextlib.suppress(OSError, subprocess.TimeoutExpired):
         asked = ["systemctl", "is-active", RUN.name]
-        found = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+        found = subprocess.run(asked, capture_output=True, text=True, errors="replace", check=False, timeout=60.0)  # noqa: S603
         return found.stdout.strip() in {"active", "activating", "deactivating"}
     return False
 
@@ -277,7 +277,9 @@ def _run_all(commands: Iterable[str], root: Path) -> Iterator[RobotFinding]:
     """Run commands of the system, if the root is this system's."""
     for command in commands if root == Path("/") else ():
         try:
-            done = subprocess.run(command.split(), capture_output=True, text=True, check=False, timeout=60.0)  # noqa: S603
+            done = subprocess.run(  # noqa: S603
+                command.split(), capture_output=True, text=True, errors="replace", check=False, timeout=60.0
+            )
             words = done.stderr.strip().rpartition("\n")[2] if done.returncode else "done"
             yield RobotFinding(command, is_fine=done.returncode == 0, words=words)
         except (OSError, subprocess.TimeoutExpired) as error:

@@ -102,7 +102,7 @@ def evaluate(
         pfsm: What to measure.
         seeds: Of the instances. [default: `fresh_instances()`, as `mdesign evaluate`]
         robot_model: The robots. [default: the mission's]
-        jobs: Experiments run at once. [default: the cores of this machine]
+        jobs: Experiments run at once. [default: the cores that it may use]
         watch: Called with the number of experiments done.
 
     Raises:
@@ -201,7 +201,7 @@ def design(
         flavour: Modules to design with.
         method: What proposes configurations and decides which of them run on; a name of `race.methods.table.METHODS`.
         robot_model: The robots. [default: the mission's]
-        jobs: Experiments run at once; the result does not depend on it. [default: the cores of this machine]
+        jobs: Experiments run at once; the result does not depend on it. [default: the cores that it may use]
         on_failure: Whether an experiment that fails stops the race ("stop"), or rejects its configuration ("reject").
         test_runs: Fresh instances to test the winner on, beyond the budget.
         folder: The run folder to write, new or empty, as by `mdesign race -o`. [default: none]

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import resource
+import shlex
 import signal
 import subprocess
 import sys
@@ -169,8 +170,18 @@ class TestRace:
         monkeypatch.setattr(run_folder, "write_text", full)
         code, out, err = mdesign("race", "aggregation", "--budget", 60, "-o", tmp_path / "r", *QUICK)
         assert code == 1
-        assert f"{tmp_path / 'r'}: results cannot be written: No space left on device" in err
+        assert f"{tmp_path / 'r'}: results.csv, provenance.json cannot be written: No space left on device; " in err
+        assert (
+            "the race has ended and journal.jsonl, fsm.txt are complete; to write the rest when there is space: " in err
+        )
+        assert "Written" not in out
         assert (tmp_path / "r" / "fsm.txt").read_text().splitlines()[-1] in out.splitlines()
+        monkeypatch.undo()
+        (command,) = re.findall(r"is space: mdesign (.*)\n", err)
+        code, out, _ = mdesign(*shlex.split(command), "--no-report")
+        assert code == 0
+        assert f"\n\nWritten    {tmp_path / 'r'}: fsm.txt, results.csv, " in out
+        assert (tmp_path / "r" / "results.csv").exists()
 
     @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
     def test_a_journal_has_whole_lines_only(self, mdesign, tmp_path):

@@ -65,7 +65,7 @@ def jobs_of(default: str) -> Callable[[Callable[..., None]], Callable[..., None]
     )
 
 
-JOBS = jobs_of("the cores of this machine")
+JOBS = jobs_of("the cores that it may use")
 
 
 def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it

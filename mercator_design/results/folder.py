@@ -19,7 +19,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -31,7 +31,15 @@ from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import BudgetExtended, ExperimentDone, TestDone
 from mercator_design.race.session.journal import Journal, now
 from mercator_design.race.session.task import RaceResult, Task
-from mercator_design.results.files import JOURNAL, check_same, read_provenance, restored, without_provenance, wrong_end
+from mercator_design.results.files import (
+    JOURNAL,
+    check_same,
+    read_provenance,
+    restored,
+    resume_command,
+    without_provenance,
+    wrong_end,
+)
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.results.tables import configuration_rows
 from mercator_design.system.csv_text import csv_text
@@ -183,19 +191,33 @@ class RunFolder:
         if tested:
             header["test"] = f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"
         header |= {"budget": str(optimizer.budget), "journal": digest[:16]}
-        with _naming(self.path):
-            write_text(self.path / self.task.WINNER, self.task.winner_text(result, header))
-            write_text(self.path / _RESULTS, self._results())
-            self._provenance = replace(
-                self._provenance,
-                finished=now(),
-                budget=optimizer.budget,
-                experiments=optimizer.used,
-                winner=result.configuration,
-                journal=digest,
-                seconds=seconds,
-            )
-            write(self.path, self._provenance)
+        finished = replace(
+            self._provenance,
+            finished=now(),
+            budget=optimizer.budget,
+            experiments=optimizer.used,
+            winner=result.configuration,
+            journal=digest,
+            seconds=seconds,
+        )
+        files: dict[str, Callable[[], None]] = {
+            self.task.WINNER: lambda: write_text(self.path / self.task.WINNER, self.task.winner_text(result, header)),
+            _RESULTS: lambda: write_text(self.path / _RESULTS, self._results()),
+            PROVENANCE: lambda: write(self.path, finished),
+        }
+        complete = [JOURNAL]
+        for name, write_file in files.items():
+            try:
+                write_file()
+            except OSError as error:
+                missing = ", ".join(one for one in files if one not in complete)
+                raise RaceError(
+                    f"{self.path}: {missing} cannot be written: {error.strerror or error}; the race has ended and "
+                    f"{', '.join(complete)} {'is' if len(complete) == 1 else 'are'} complete; to write the rest when "
+                    f"there is space: {resume_command(self.path, self.journal.record.start['task'])}"
+                ) from None
+            complete.append(name)
+        self._provenance = finished
 
     def _results(self) -> str:
         """The configurations that were raced as CSV, the elites first."""

@@ -7,9 +7,10 @@ import sys
 import threading
 import time
 
+import joblib
 import pytest
 
-from mercator_design.race.executors.executor import Failed, Items, in_order
+from mercator_design.race.executors.executor import CORES_OF_JOB, Failed, Items, available_jobs, in_order
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from tests.processes import LIMIT, started, wait_until
@@ -17,6 +18,34 @@ from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
 from tests.race.test_target import gone
 from tests.race.work import Dies, Hangs, begins, process_of, square, survives
+
+
+class TestAvailableJobs:
+    """A scheduler's variables limit the number of cores that are used, and do not raise it."""
+
+    @pytest.fixture(autouse=True)
+    def machine(self, monkeypatch):
+        monkeypatch.setattr(joblib, "cpu_count", lambda: 64)
+        for name in CORES_OF_JOB:
+            monkeypatch.delenv(name, raising=False)
+
+    @pytest.mark.parametrize("name", CORES_OF_JOB)
+    def test_each_counts(self, monkeypatch, name):
+        monkeypatch.setenv(name, "4")
+        assert available_jobs() == 4
+        assert ThreadExecutor().jobs == ProcessExecutor().jobs == 4
+        monkeypatch.setenv(name, "1000")
+        assert available_jobs() == 64
+
+    def test_the_least_counts(self, monkeypatch):
+        monkeypatch.setenv("SLURM_CPUS_ON_NODE", "32")
+        monkeypatch.setenv("SLURM_CPUS_PER_TASK", "8")
+        assert available_jobs() == 8
+
+    @pytest.mark.parametrize("value", ["", "0", "-1", "many", "4(x2)", "\u00b2"])
+    def test_what_is_no_number_is_ignored(self, monkeypatch, value):
+        monkeypatch.setenv("SLURM_CPUS_PER_TASK", value)
+        assert available_jobs() == 64
 
 
 class TestThreads(Conformance):

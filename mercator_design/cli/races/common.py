@@ -38,7 +38,7 @@ from mercator_design.results.provenance import Request
 from mercator_design.show.report.page import REPORT
 from mercator_design.show.text.columns import with_notes_wrapped
 from mercator_design.show.text.progress import Mode, RaceDisplay
-from mercator_design.show.text.summary import race_summary
+from mercator_design.show.text.summary import race_summary, written
 
 _MAX_WARNINGS = 10
 """Number of failures that are reported one by one."""
@@ -205,6 +205,7 @@ def run(
         folder.finish(race.result, seconds=round(display.seconds, 3))
     finally:
         print_result(with_notes_wrapped(summary, terminal_width()), nl=False, err=json_lines)
+    print_result(written(folder), err=json_lines)
     if not given["no_report"]:
         _report(folder, proof_runs, jobs, progress, interrupt, err=json_lines)
 

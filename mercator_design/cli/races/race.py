@@ -37,7 +37,7 @@ from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
-_JOBS = jobs_of("the cores of this machine; with Dask, twice the workers' threads")
+_JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' threads")
 
 
 @click.command()

@@ -46,7 +46,7 @@ def write_report(
         output: The page.
         task: The task, if this process has run the race.
         proof_runs: Number of fresh instances. [default: those of the proof in the folder, else `default_runs`]
-        jobs: Experiments run at once. [default: the cores of this machine]
+        jobs: Experiments run at once. [default: the cores that it may use]
         progress: How to show the progress of experiments.
         stopped: Returns whether to stop; called before each experiment.
 

@@ -21,6 +21,13 @@ R = TypeVar("R")
 
 MAX_WAIT = 0.5
 """Maximum seconds of one wait: a signal just before a wait is handled only at its end."""
+CORES_OF_JOB = (
+    *("SLURM_CPUS_PER_TASK", "SLURM_CPUS_ON_NODE"),
+    *("NCPUS", "PBS_NUM_PPN"),  # PBS Pro, Torque
+    "NSLOTS",  # Grid Engine
+    "LSB_DJOB_NUMPROC",  # LSF
+)
+"""Variables by which schedulers say how many cores a job has: not all of them keep it from using others."""
 _MAX_MESSAGE = 2000
 """Maximum length of the reason of a failure, which may have a command in it."""
 
@@ -99,10 +106,11 @@ class Items(Generic[T]):
 
 
 def available_jobs() -> int:
-    """Number of cores that this process may use."""
+    """Number of cores that this process may use: by its affinity, its control group, and the scheduler of its job."""
     from joblib import cpu_count
 
-    return int(cpu_count())
+    given = [os.environ.get(name, "") for name in CORES_OF_JOB]
+    return min([int(cpu_count()), *(int(cores) for cores in given if cores.isdecimal() and int(cores) > 0)])
 
 
 def checked_jobs(jobs: int | None) -> int:

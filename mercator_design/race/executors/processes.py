@@ -48,7 +48,7 @@ class ProcessExecutor:
     experiments are not affected.
 
     Args:
-        jobs: Number of processes. [default: the cores of this machine]
+        jobs: Number of processes. [default: the cores that it may use]
         timeout: Maximum seconds of an experiment. [default: no limit]
         clock: Returns the time [s].
 

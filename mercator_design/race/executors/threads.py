@@ -49,7 +49,7 @@ class ThreadExecutor:
     smaller, so that all threads end at the same time.
 
     Args:
-        jobs: Number of threads. [default: the cores of this machine]
+        jobs: Number of threads. [default: the cores that it may use]
         clock: Returns the time [s].
 
     Raises:

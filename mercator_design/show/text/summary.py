@@ -23,7 +23,7 @@ _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
 
 def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int, seconds: float, jobs: int) -> str:
-    """The request, the iterations, the winner and the files of a race.
+    """The request, the iterations and the winner of a race; `written` comes after it.
 
     Args:
         result: The result of the race.
@@ -57,10 +57,13 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",
         *(_design(result, task, record, folder.path) if isinstance(task, Designer) else _elites(result, task, record)),
-        "",
-        f"Written    {folder.path}: {', '.join([task.WINNER, *_FILES, *task.files()])}",
     ]
-    return "\n".join(map(printable, lines)) + "\n"
+    return "\n".join(map(printable, lines)) + "\n\n"
+
+
+def written(folder: RunFolder) -> str:
+    """The files of a race, for when they are written."""
+    return f"Written    {folder.path}: {', '.join([folder.task.WINNER, *_FILES, *folder.task.files()])}"
 
 
 def _request(task: Task[Any]) -> list[str]:

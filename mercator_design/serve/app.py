@@ -35,9 +35,7 @@ _TOKEN = HTTPBearer(auto_error=False, description="A token of `mdesign users`; w
 def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
     """The application of a running service, behind the guard: what is served."""
     app = application(service)
-    guard = Guard(
-        _with_user(app), service.accounts, entrance, openings(app), max_streams=service.settings.limits.streams
-    )
+    guard = Guard(_with_user(app), service.accounts, entrance, openings(app))
     if not entrance.is_behind_proxy:
         return guard
     return ProxyHeadersMiddleware(guard, [*entrance.proxies])  # type: ignore[arg-type,return-value]  # types of its own

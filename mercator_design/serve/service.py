@@ -43,7 +43,7 @@ class Service:
             try:
                 self.index = Index(self.data / SERVICE / "index.sqlite")
                 ends.callback(self.index.close)
-                self.accounts = Accounts(self.data)
+                self.accounts = Accounts(self.data, settings.limits)
                 ends.callback(self.accounts.close)
                 self.designs = Designs(self.data / SERVICE / "designs", settings.limits)
             except (OSError, sqlite3.Error) as error:

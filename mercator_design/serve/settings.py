@@ -31,7 +31,8 @@ class UserLimits:
     running: _Count = 100  # of a user at the same time
     runs: _Count = 1000  # instances of an evaluation
     designs: _Count = 500  # of a user
-    streams: _Count = 250  # of events, of a user at the same time
+    requests: _Count = 60  # of a user that are answered at the same time, event streams apart
+    streams: _Count = 40  # of events, of a user at the same time
     disk: _Megabytes = 20_000  # of a user's jobs [MB]
     free_disk: _Megabytes = 200  # below it, races pause [MB]
 

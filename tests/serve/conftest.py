@@ -1,9 +1,9 @@
+import subprocess
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from starlette.testclient import TestClient
 
-from mercator_design.serve.accounts import users
 from mercator_design.serve.app import guarded
 from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.processes import Launcher
@@ -49,12 +49,17 @@ def clock():
     return Clock()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quick_hashes():
-    """Scrypt is slow on purpose; a test of its own has the true cost."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(users, "SCRYPT_COST", 2)
-        yield
+@pytest.fixture(scope="session")
+def certificate(tmp_path_factory):
+    """A certificate and its key, and another key with a passphrase."""
+    folder = tmp_path_factory.mktemp("tls")
+    names = (folder / "cert.pem", folder / "key.pem")
+    new = ("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2")
+    subject = ("-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost")
+    subprocess.run([*new, *subject, "-out", names[0], "-keyout", names[1]], check=True, capture_output=True)
+    locked = ("openssl", "ec", "-aes256", "-passout", "pass:x", "-in", names[1], "-out", folder / "locked.pem")
+    subprocess.run(locked, check=True, capture_output=True)
+    return names
 
 
 class SharedDesk:

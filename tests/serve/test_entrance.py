@@ -1,11 +1,10 @@
 """Where the service may be opened: its addresses, users, TLS."""
 
 import socket
-import subprocess
 
 import pytest
 
-from mercator_design.serve.accounts.entrance import Entrance, check_certificate
+from mercator_design.serve.accounts.entrance import Entrance, tls_of
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.settings import ServiceError
 
@@ -15,19 +14,6 @@ ANY = "0.0.0.0"  # noqa: S104 - that is what is tested
 @pytest.fixture
 def users(tmp_path, clock):
     return Users(tmp_path, clock.now)
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory):
-    """A certificate and its key, and another key with a passphrase."""
-    folder = tmp_path_factory.mktemp("tls")
-    names = (folder / "cert.pem", folder / "key.pem")
-    new = ("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2")
-    subject = ("-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost")
-    subprocess.run([*new, *subject, "-out", names[0], "-keyout", names[1]], check=True, capture_output=True)
-    locked = ("openssl", "ec", "-aes256", "-passout", "pass:x", "-in", names[1], "-out", folder / "locked.pem")
-    subprocess.run(locked, check=True, capture_output=True)
-    return names
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
@@ -82,7 +68,15 @@ def test_a_damaged_file_of_users_stops_the_start(users):
 
 
 def test_a_certificate(certificate):
-    check_certificate(*certificate)
+    tls_of(*certificate)
+
+
+def test_addresses_of_the_proxy():
+    entrance = Entrance(is_behind_proxy=True, proxies=("10.0.0.0/8", "::1"))
+    assert [entrance.is_proxy(one) for one in ("10.1.2.3", "::1", "11.0.0.1", "127.0.0.1", "unknown")] == [
+        True, True, False, False, False,
+    ]  # fmt: skip
+    assert not Entrance(proxies=("10.0.0.0/8",)).is_proxy("10.1.2.3")
 
 
 @pytest.mark.parametrize(
@@ -97,7 +91,7 @@ def test_a_certificate(certificate):
 )
 def test_certificates_that_cannot_be_used(certificate, choose, expected):
     with pytest.raises(ServiceError, match=expected):
-        check_certificate(*choose(*certificate))
+        tls_of(*choose(*certificate))
 
 
 class TestVerb:

@@ -8,7 +8,6 @@ import pytest
 from fastapi.routing import iter_route_contexts
 from starlette.testclient import TestClient
 
-from mercator_design.serve.accounts.attempts import Attempts
 from mercator_design.serve.accounts.refusals import SAFE
 from mercator_design.serve.app import application, guarded
 from mercator_design.serve.designs import Design
@@ -29,7 +28,6 @@ def lab(tmp_path_factory, idle_races):
     """A service with two users and an administrator, and a private and a shared job of ana."""
     data = tmp_path_factory.mktemp("lab") / "runs"
     with Service(data) as service:
-        service.accounts.attempts = Attempts(itertools.count(0, 10**6).__next__)  # no address has to wait
         users = service.accounts.users
         tokens = {name: users.add(name) for name in ("ana", "bob", "gone")}
         tokens["root"] = users.add("root", is_admin=True)

@@ -8,13 +8,14 @@ import pytest
 from starlette.responses import PlainTextResponse
 
 from mercator_design.serve import database
-from mercator_design.serve.accounts import attempts, refusals
-from mercator_design.serve.accounts import users as users_module
+from mercator_design.serve.accounts import guard as guard_module
+from mercator_design.serve.accounts import noise
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
 from mercator_design.serve.accounts.refusals import MAX_BODY, MAX_FORM
 from mercator_design.serve.accounts.users import LOCAL
+from mercator_design.serve.settings import UserLimits
 from tests.processes import LIMIT
 from tests.serve.asgi import ask, request
 
@@ -60,7 +61,7 @@ def small_databases():
 @pytest.fixture
 def accounts(tmp_path, clock):
     (tmp_path / ".service").mkdir()
-    found = Accounts(tmp_path, clock.now, clock)
+    found = Accounts(tmp_path, UserLimits(requests=3, streams=2), clock.now, clock)
     yield found
     found.close()
 
@@ -75,7 +76,7 @@ def guard(application, accounts, clock):
             assets=frozenset({"/assets/a.css"}),
             is_stream=lambda path: path == "/events",
         )
-        return Guard(application, accounts, entrance, openings, **{"max_streams": 2, "clock": clock} | given)
+        return Guard(application, accounts, entrance, openings, **{"clock": clock} | given)
 
     return make
 
@@ -229,69 +230,13 @@ class TestOpenings:
 class TestFailures:
     WRONG = {"authorization": "Bearer md_aaaaaaaa_" + "b" * 43}  # noqa: RUF012
 
-    def test_an_address_with_many_has_to_wait(self, guard, ana, clock, application):
+    def test_they_keep_nobody_out(self, guard, ana, session, application):
         app = guard()
-        found = [ask(app, "GET", "/", self.WRONG).status for _ in range(attempts.MAX_FAILURES + 2)]
-        assert found == [401] * attempts.MAX_FAILURES + [429] * 2
-        assert ask(app, "GET", "/", ana).status == 429  # not known yet: nobody looks at it
-        assert ask(app, "GET", "/", self.WRONG, client="192.0.2.2").status == 401
-        answer = ask(app, "GET", "/", self.WRONG)
-        clock.seconds += float(answer.headers["retry-after"])
-        assert ask(app, "GET", "/", ana).status == 200
-        assert application.asked == [("GET", "/")]
-
-    def test_known_tokens_and_sessions_go_on(self, guard, ana, session, clock):
-        app = guard()
-        assert ask(app, "GET", "/", ana).status == 200
-        for _ in range(attempts.MAX_FAILURES + 1):
-            ask(app, "GET", "/", self.WRONG)
-        assert ask(app, "GET", "/", ana).status == 200
-        assert ask(app, "GET", "/", session).status == 200
-
-    def test_addresses_of_one_network_count_together(self, guard, ana):
-        app = guard()
-        for number in range(attempts.MAX_FAILURES):
-            ask(app, "GET", "/", self.WRONG, client=f"2001:db8::{number:x}")
-        assert ask(app, "GET", "/", self.WRONG, client="2001:db8::ffff").status == 429
-        assert ask(app, "GET", "/", self.WRONG, client="2001:db8:0:1::1").status == 401
-
-    def test_changes_without_a_login_count(self, guard, ana, accounts):
-        app = guard()
-        found = [ask(app, "POST", "/api/v1/jobs", JSON).status for _ in range(attempts.MAX_FAILURES + 3)]
-        assert found == [401] * attempts.MAX_FAILURES + [429] * 3
-        assert len(lines(accounts)) == attempts.MAX_FAILURES
-
-    def test_addresses_are_forgotten(self, accounts, monkeypatch, clock):
-        monkeypatch.setattr(attempts, "MAX_ADDRESSES", 3)
-        for number in range(10):
-            accounts.attempts.count(f"192.0.2.{number}")
-        assert len(accounts.attempts._found) == 3
-
-    def test_attempts_at_the_same_time_count(self, guard, ana):
-        app = guard()
-
-        async def all_at_once():
-            return await asyncio.gather(*(request(app, "GET", "/", self.WRONG) for _ in range(50)))
-
-        found = [answer.status for answer in asyncio.run(all_at_once())]
-        assert found.count(401) == attempts.MAX_FAILURES
-        assert found.count(429) == 50 - attempts.MAX_FAILURES
-
-    def test_first_requests_at_the_same_time_are_no_failures(self, guard, accounts):
-        app, tokens = guard(), [accounts.users.add(name) for name in ("ann", "bob", "cem")]
-
-        async def all_at_once():
-            shown = [{"authorization": f"Bearer {token}"} for token in tokens * attempts.MAX_FAILURES]
-            return await asyncio.gather(*(request(app, "GET", "/", one) for one in shown))
-
-        assert {answer.status for answer in asyncio.run(all_at_once())} == {200}
-        assert not accounts.attempts.wait("192.0.2.1")
-
-    def test_scrypt_runs_once_for_a_token(self, guard, ana, monkeypatch):
-        app = guard()
-        ask(app, "GET", "/", ana)
-        monkeypatch.setattr(users_module.hashlib, "scrypt", None)
-        assert {ask(app, "GET", "/", ana).status for _ in range(5)} == {200}
+        for _ in range(50):
+            assert ask(app, "GET", "/", self.WRONG).status == 401
+            assert ask(app, "POST", "/api/v1/jobs", JSON).status == 401
+        assert ask(app, "GET", "/", ana).status == ask(app, "GET", "/", session).status == 200
+        assert application.asked == [("GET", "/")] * 2
 
 
 class TestHost:
@@ -492,21 +437,51 @@ class TestBodies:
         assert ask(app, "POST", "/api/v1/jobs", headers, parts=(), received=never).status == 408
         assert not application.asked
 
-    def test_slow_logins_of_an_address_count_as_failed(self, guard, ana, accounts, monkeypatch):
+    @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS"])
+    @pytest.mark.parametrize("path", ["/healthz", "/login", "/api/v1/jobs"])
+    @pytest.mark.parametrize("length", [{"content-length": "1000"}, {"transfer-encoding": "chunked"}])
+    def test_one_that_has_no_use_is_refused_at_once(self, guard, ana, method, path, length, application):
         async def never():
-            await asyncio.Event().wait()
+            raise AssertionError
 
-        form = {"content-type": "application/x-www-form-urlencoded", "content-length": "5"}
-        app = guard(body_seconds=0.01)
-        for _ in range(attempts.MAX_FAILURES):
-            assert not accounts.attempts.wait("192.0.2.1")
-            assert ask(app, "POST", "/login", form, parts=(), received=never).status == 408
-        assert accounts.attempts.wait("192.0.2.1")
-        monkeypatch.setattr(refusals, "LATE_SECONDS", 0.01)  # now they are not waited for as long
-        app = guard(body_seconds=600.0)
-        assert ask(app, "POST", "/login", form, parts=(), received=never).status == 408
-        assert ask(app, "POST", "/login", form, parts=(b"token",)).status == 200
-        assert not accounts.attempts.wait("192.0.2.2")
+        for known in ({}, ana):
+            answer = ask(guard(), method, path, known | length, parts=(), received=never)
+            assert (answer.status, answer.headers["connection"]) == (413, "close")
+        assert not application.asked
+
+    def test_slow_ones_of_a_user_are_limited(self, guard, ana, session, accounts):
+        async def run():
+            app, waiting = guard(body_seconds=LIMIT), asyncio.Event()
+
+            def slow(headers):
+                return request(app, "POST", "/api/v1/jobs", headers | JSON | SAME, parts=(), received=waiting.wait)
+
+            held = [asyncio.create_task(slow(ana | {"content-length": "5"})) for _ in range(3)]
+            while accounts.requests.taken["ana"] < 3:  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0)
+            refused = await slow(ana | {"content-length": "5"})
+            assert (refused.status, refused.headers["connection"], refused.headers["retry-after"]) == (
+                429,
+                "close",
+                "5",
+            )
+            assert "expected at most 3 requests of a user at a time" in refused.text
+            assert (await request(app, "GET", "/", session)).status == 200
+            assert (await request(app, "GET", "/login")).status == 200
+            for one in held:
+                one.cancel()
+            await asyncio.gather(*held, return_exceptions=True)
+            assert (await request(app, "GET", "/", ana)).status == 200
+
+        asyncio.run(run())
+        assert not accounts.requests.taken
+
+    def test_those_of_all_users_leave_the_login_free(self, guard, ana, accounts, monkeypatch):
+        monkeypatch.setattr(accounts.requests, "_of_all", 0)
+        answer = ask(guard(), "GET", "/", ana)
+        assert (answer.status, answer.headers["retry-after"]) == (503, "5")
+        for path in ("/healthz", "/login"):
+            assert ask(guard(), "GET", path).status == 200
 
     def test_a_client_that_goes_gets_no_answer(self, guard, application):
         answer = ask(guard(), "POST", "/api/v1/jobs", JSON | {"content-length": "5"}, parts=())
@@ -624,21 +599,25 @@ class TestStreams:
         async def steps(app, parts, got):
             await self.until(lambda: got)
             second = asyncio.create_task(request(app, "GET", "/events", ana, received=asyncio.Event().wait))
-            await self.until(lambda: accounts.streams["ana"] == 2)
+            await self.until(lambda: accounts.streams.taken["ana"] == 2)
             refused = await request(app, "GET", "/events", ana)
             assert (refused.status, refused.headers["retry-after"]) == (429, "5")
+            assert "expected at most 2 event streams of a user at a time" in refused.text
+            assert (await request(app, "GET", "/", ana)).status == 200
             third = asyncio.create_task(request(app, "GET", "/events", session, received=asyncio.Event().wait))
-            await self.until(lambda: accounts.streams["bob"] == 1)
+            await self.until(lambda: accounts.streams.taken["bob"] == 1)
             for task in (second, third):
                 task.cancel()
                 with pytest.raises(asyncio.CancelledError):
                     await task
 
         self.watching(guard, application, ana, steps)
-        assert not accounts.streams
+        assert not accounts.streams.taken
 
+    @pytest.mark.parametrize("is_silent", [True, False])
     @pytest.mark.parametrize("way", ["token", "session", "logout", "local", "service"])
-    def test_it_ends_with_the_login(self, guard, application, request, accounts, way):
+    def test_it_ends_with_the_login(self, guard, application, request, accounts, way, is_silent, monkeypatch):
+        monkeypatch.setattr(guard_module, "LOOK_SECONDS", 0.001 if is_silent else LIMIT)
         if way in ("local", "service"):
             headers = {}
         else:
@@ -657,12 +636,13 @@ class TestStreams:
                 accounts.sessions.end(secret)
             else:
                 accounts.users.revoke("ana" if way == "token" else "bob")
-            await parts.put(b"second")
+            if not is_silent:
+                await parts.put(b"second")
             await self.until(lambda: len(got) == 3)
 
         *_, last = self.watching(guard, application, headers, steps)
         assert last == {"type": "http.response.body", "body": b""}
-        assert not accounts.streams
+        assert not accounts.streams.taken
 
 
 class TestAudit:
@@ -681,20 +661,36 @@ class TestAudit:
         ]
         assert lines(accounts)[0]["time"] == "2030-01-01T00:00:00.000+00:00"
 
-    def test_strangers_do_not_fill_it(self, guard, accounts, ana, session):
-        app = guard()
-        for number in range(50):
-            ask(app, "POST", f"/{number}", host="evil.example")
-        for number in range(50):
-            ask(app, "POST", f"/{number}", {"sec-fetch-site": "cross-site"}, client="192.0.2.2")
-        assert len(lines(accounts)) == 2 * attempts.MAX_FAILURES
-        for _ in range(2 * attempts.MAX_FAILURES):
+    @pytest.mark.parametrize(
+        "sent",
+        [
+            ("POST", "/x", {}, {"host": "evil.example"}),
+            ("POST", "/x", {"sec-fetch-site": "cross-site"}, {}),
+            ("POST", "/x", JSON, {}),
+            ("GET", "/", {"authorization": "Bearer md_x"}, {}),
+            ("POST", "/login", {"content-type": "application/x-www-form-urlencoded"}, {}),
+            ("POST", "/login", {"content-type": "application/x-www-form-urlencoded"}, {"parts": ()}),
+        ],
+        ids=["host", "site", "unknown", "token", "login", "gone"],
+    )
+    def test_strangers_do_not_fill_it(self, guard, accounts, ana, session, clock, sent):
+        app, (method, path, headers, given) = guard(), sent
+        for _ in range(3 * noise.MAX_LINES):
+            ask(app, method, path, headers, **given)
+        assert len(lines(accounts)) == noise.MAX_LINES
+        ask(app, method, path, headers, **given, client="192.0.2.2")
+        clock.seconds += noise.PERIOD
+        ask(app, method, path, headers, **given)
+        assert len(lines(accounts)) == noise.MAX_LINES + 2
+        for _ in range(2 * noise.MAX_LINES):
             ask(app, "POST", "/x", session)  # known, although refused
-        assert [line["user"] for line in lines(accounts)[2 * attempts.MAX_FAILURES :]] == [
-            "bob"
-        ] * 2 * attempts.MAX_FAILURES
-        ask(app, "GET", "/", {"authorization": "Bearer md_x"})
-        assert lines(accounts)[-1]["answer"] == 401
+        assert [line["user"] for line in lines(accounts)[noise.MAX_LINES + 2 :]] == ["bob"] * 2 * noise.MAX_LINES
+
+    def test_addresses_are_forgotten(self, accounts, monkeypatch):
+        monkeypatch.setattr(noise, "MAX_ADDRESSES", 3)
+        for number in range(10):
+            accounts.noise.is_too_much(f"192.0.2.{number}")
+        assert len(accounts.noise._found) == 3
 
     def test_no_secret_is_in_any_file_or_message(self, guard, accounts, caplog, capfd):
         token = accounts.users.add("ana")

@@ -1,21 +1,12 @@
-"""Health, readiness, figures; and the server itself, on a socket."""
+"""Health, readiness, figures."""
 
-import asyncio
-import contextlib
 import json
 import re
-import socket
 
-import pytest
-import uvicorn
-from starlette.responses import PlainTextResponse
 from starlette.testclient import TestClient
 
 from mercator_design.serve.app import guarded
-from mercator_design.serve.http import server
-from mercator_design.serve.http.server import PatientProtocol, listening
 from mercator_design.serve.service import Service
-from tests.processes import LIMIT, wait_until
 
 
 def test_health_and_readiness(client):
@@ -80,116 +71,3 @@ def test_the_document_of_the_api_says_how_to_log_in(client):
     document = client.get("/api/v1/openapi.json").json()
     assert document["components"]["securitySchemes"]["HTTPBearer"]["scheme"] == "bearer"
     assert document["paths"]["/api/v1/jobs"]["get"]["security"] == [{"HTTPBearer": []}]
-
-
-@contextlib.asynccontextmanager
-async def running(app, **options):
-    """A server of an application, and its address."""
-    with listening("127.0.0.1", 0) as listener:
-        config = uvicorn.Config(
-            app, http=PatientProtocol, ws="none", log_level="critical", lifespan="off", timeout_keep_alive=60, **options
-        )
-        found = uvicorn.Server(config)
-        found.capture_signals = contextlib.nullcontext
-        task = asyncio.create_task(found.serve([listener]))
-        yield found, listener.getsockname()
-        found.should_exit = True
-        await task
-
-
-class TestServer:
-    """The server on a socket; its waits for what does not come are short, and nothing is asserted on them."""
-
-    @pytest.fixture
-    def talk(self, monkeypatch):
-        async def talking(*parts):
-            monkeypatch.setattr(server, "HEADER_SECONDS", 0.05 if len(parts) == 1 else LIMIT)
-
-            async def app(scope, receive, send):
-                monkeypatch.setattr(server, "HEADER_SECONDS", 0.05)  # for the next request
-                await PlainTextResponse("hello")(scope, receive, send)
-
-            async with running(app) as (_, address):
-                reader, writer = await asyncio.open_connection(*address)
-                for part in parts:
-                    writer.write(part)
-                    await writer.drain()
-                received = await reader.read()
-                writer.close()
-                return received
-
-        return lambda *parts: asyncio.run(talking(*parts))
-
-    @pytest.mark.parametrize("part", [b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: "])
-    def test_it_does_not_wait_for_headers_for_ever(self, talk, part):
-        assert talk(part) == b""
-
-    def test_nor_for_those_of_a_second_request(self, talk):
-        found = talk(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"GET / HTTP/1.1\r\n")
-        assert found.count(b"HTTP/1.1 200 OK") == 1
-        assert found.endswith(b"hello")
-
-    def test_who_only_connects_keeps_nobody_out(self, monkeypatch):
-        monkeypatch.setattr(server, "HEADER_SECONDS", LIMIT)
-
-        async def app(scope, receive, send):
-            await PlainTextResponse("hello")(scope, receive, send)
-
-        async def crowd():
-            async with running(app, limit_concurrency=3) as (_, address):
-                opened, answers = [], []
-                for _ in range(5):
-                    reader, writer = await asyncio.open_connection(*address)
-                    opened.append(writer)
-                    writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
-                    answers.append((await reader.readuntil(b"hello")).split(b"\r\n")[0])
-                for writer in opened:
-                    writer.close()
-                return answers
-
-        assert asyncio.run(crowd()) == 5 * [b"HTTP/1.1 200 OK"]
-
-    @staticmethod
-    @contextlib.asynccontextmanager
-    async def ignored(n, asked=None):
-        """A server with a limit of 4 connections, of which clients have n, and do not read the answers."""
-        answer = b"x" * 50_000_000  # more than all buffers between server and client have
-
-        async def app(scope, receive, send):
-            if asked is not None:
-                asked.set()
-            await PlainTextResponse(answer if scope["path"] == "/long" else b"hello")(scope, receive, send)
-
-        async with running(app, limit_concurrency=4) as (found, address):
-            with contextlib.ExitStack() as opened:
-                for _ in range(n):
-                    one = opened.enter_context(socket.create_connection(address))
-                    one.sendall(b"GET /long HTTP/1.1\r\nHost: localhost\r\n\r\n")
-                yield found.server_state.connections, address
-
-    def test_who_does_not_read_keeps_nobody_out(self, monkeypatch):
-        for wait in ("HEADER_SECONDS", "READ_SECONDS"):
-            monkeypatch.setattr(server, wait, LIMIT)
-
-        async def crowd():
-            async with self.ignored(3) as (connections, address):
-                await asyncio.to_thread(wait_until, lambda: sum(one.flow.write_paused for one in [*connections]) == 3)
-                reader, writer = await asyncio.open_connection(*address)
-                writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-                received = await reader.read()
-                writer.close()
-                return received
-
-        assert asyncio.run(crowd()).startswith(b"HTTP/1.1 200 OK")
-
-    def test_nor_for_long(self, monkeypatch):
-        monkeypatch.setattr(server, "HEADER_SECONDS", LIMIT)
-        monkeypatch.setattr(server, "READ_SECONDS", 0.05)
-
-        async def crowd():
-            asked = asyncio.Event()
-            async with self.ignored(1, asked) as (connections, _):
-                await asked.wait()
-                await asyncio.to_thread(wait_until, lambda: not connections)
-
-        asyncio.run(crowd())

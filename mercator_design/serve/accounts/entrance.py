@@ -51,6 +51,12 @@ class Entrance:
         # No page can rebind the address of a machine itself.
         return name in {self.host.lower(), socket.gethostname().lower()} or _address(name) is not None
 
+    def is_proxy(self, address: str) -> bool:
+        """Whether an address is that of the proxy, behind which are many clients."""
+        found = _address(address)
+        networks = [ipaddress.ip_network(one, strict=False) for one in self.proxies if self.is_behind_proxy]
+        return found is not None and any(found in network for network in networks)
+
     def check(self, users: Users) -> None:
         """Refuse to open a service to others without users or without TLS.
 
@@ -75,18 +81,19 @@ class Entrance:
             raise ServiceError(*(f"--host {self.host}: expected {one}" for one in missing))
 
 
-def check_certificate(certificate: Path, key: Path) -> None:
-    """Check that a certificate and its key can be used.
+def tls_of(certificate: Path, key: Path) -> ssl.SSLContext:
+    """TLS with a certificate and its key.
 
     Raises:
-        ServiceError: They cannot.
+        ServiceError: They cannot be used.
     """
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
 
     def refuse() -> str:
         raise ServiceError(f"{key}: expected a key without a passphrase")
 
     try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, refuse)
+        tls.load_cert_chain(certificate, key, refuse)
     except ssl.SSLError as error:
         raise ServiceError(
             f"{certificate}, {key}: expected a certificate and its key (PEM), found something else: {error.reason}"
@@ -94,6 +101,15 @@ def check_certificate(certificate: Path, key: Path) -> None:
     except OSError as error:
         file = next((one for one in (certificate, key) if not one.is_file()), key)
         raise ServiceError(f"{file}: cannot be read: {error.strerror}") from None
+    return tls
+
+
+def network_of(address: str) -> str:
+    """What an address counts as: in IPv6 its first 64 bits, because a client can choose the others."""
+    found = _address(address.partition("%")[0])
+    if isinstance(found, ipaddress.IPv6Address):
+        return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
+    return address
 
 
 def _data(users: Users) -> Path:

@@ -28,6 +28,8 @@ _log = logging.getLogger(__name__)
 HEALTH = frozenset({"/healthz", "/readyz"})
 """Pages that say only whether the service is well, to anybody and under any name."""
 LOGIN, LOGOUT = "/login", "/logout"
+LOOK_SECONDS = 0.5
+"""Seconds between two looks whether the user of an event stream is still logged in."""
 _POLICY = "default-src 'none'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -89,12 +91,11 @@ class Guard:
         entrance: Entrance,
         openings: Openings,
         *,
-        max_streams: int,
         body_seconds: float = refusals.BODY_SECONDS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._app, self._accounts, self._entrance, self._openings = app, accounts, entrance, openings
-        self._max_streams, self._body_seconds, self._clock = max_streams, body_seconds, clock
+        self._body_seconds, self._clock = body_seconds, clock
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -116,11 +117,11 @@ class Guard:
 
     async def _answer(self, visit: "_Visit", receive: Receive) -> None:
         scope, headers = visit.scope, visit.headers
-        refusals.check_sizes(scope)
+        refusals.check_sizes(scope, headers)
         if not (visit.path in HEALTH and visit.method == "GET"):
             refusals.check_host(headers, self._entrance)
             try:
-                await self._identify(visit)
+                self._identify(visit)
             except (ServiceError, sqlite3.Error) as error:
                 _log.error("%s", error)
                 wrong = "the service cannot read its users"
@@ -134,27 +135,24 @@ class Guard:
             if not visit.has_bearer:
                 refusals.check_origin(scope, headers, has_cookie=visit.holder is not None)
             refusals.check_kind(headers, is_login=is_login)
-        if visit.method not in SAFE or refusals.has_body(headers):
-            body = await self._body(visit, receive)
-            visit.is_read = True
-            receive = refusals.replayed(body, receive)
         if visit.method == "GET" and self._openings.is_stream(visit.path):
             await self._stream(visit, receive)
+        elif visit.user is None:
+            await self._request(visit, receive)
         else:
-            await self._app(scope, receive, visit.send)
+            with self._accounts.requests.take(visit.user.name):
+                await self._request(visit, receive)
 
-    async def _body(self, visit: "_Visit", receive: Receive) -> bytes:
-        """The body of a request. A login counts as failed until its body is there, so few slow ones are waited for."""
-        if visit.path != LOGIN:
-            return await refusals.read_body(receive, visit.headers, refusals.MAX_BODY, self._body_seconds, self._clock)
-        attempts, address = self._accounts.attempts, address_of(visit.scope)
-        seconds = refusals.LATE_SECONDS if attempts.wait(address) else self._body_seconds
-        attempts.count(address)
-        body = await refusals.read_body(receive, visit.headers, refusals.MAX_FORM, seconds, self._clock)
-        attempts.forgive(address)
-        return body
+    async def _request(self, visit: "_Visit", receive: Receive) -> None:
+        """Answer a request with the application, once its body has come."""
+        if visit.method not in SAFE:
+            limit = refusals.MAX_FORM if visit.path == LOGIN else refusals.MAX_BODY
+            body = await refusals.read_body(receive, visit.headers, limit, self._body_seconds, self._clock)
+            visit.is_read = True
+            receive = refusals.replayed(body, receive)
+        await self._app(visit.scope, receive, visit.send)
 
-    async def _identify(self, visit: "_Visit") -> None:
+    def _identify(self, visit: "_Visit") -> None:
         """Find the user of a request, by token or session."""
         scope, headers, accounts = visit.scope, visit.headers, self._accounts
         if "authorization" in headers:
@@ -162,7 +160,7 @@ class Guard:
             given = headers.getlist("authorization")
             scheme, _, token = given[0].partition(" ")
             if len(given) == 1 and scheme.lower() == "bearer":
-                visit.holder = await accounts.holder_of_token(token.strip(), address_of(scope))
+                visit.holder = accounts.users.verify(token.strip())
             visit.has_failed = visit.holder is None
             if visit.has_failed and visit.path not in (LOGIN, *self._openings.assets):
                 raise self._unknown(visit)
@@ -174,14 +172,7 @@ class Guard:
             scope["state"]["user"] = LOCAL
 
     def _unknown(self, visit: "_Visit") -> Refusal:
-        """The refusal of who is not logged in; an attempt to change something counts as failed.
-
-        Raises:
-            TooManyFailures: The address has to wait.
-        """
-        if visit.method not in SAFE and not visit.has_failed:
-            self._accounts.check_attempts(address_of(visit.scope))
-            self._accounts.attempts.count(address_of(visit.scope))
+        """The refusal of who is not logged in."""
         error = "expected the token of a user: Authorization: Bearer md_...; or a session: log in at /login"
         if visit.has_bearer:
             error = "Authorization: expected Bearer and a token that is known, has not expired and was not revoked"
@@ -207,20 +198,15 @@ class Guard:
 
     async def _stream(self, visit: "_Visit", receive: Receive) -> None:
         """Answer with an event stream, until its user may not see it any more."""
-        streams, name = self._accounts.streams, visit.user.name if visit.user else ""
-        if streams[name] >= self._max_streams:
-            raise Refusal(
-                429,
-                "Limit reached",
-                f"expected at most {self._max_streams} event streams at a time",
-                {"Retry-After": "5"},
-            )
-        ended = asyncio.Event()
+        ended, name = asyncio.Event(), visit.user.name if visit.user else ""
 
         async def received() -> Message:
             message, end = asyncio.ensure_future(receive()), asyncio.ensure_future(ended.wait())
             try:
-                await asyncio.wait((message, end), return_when=asyncio.FIRST_COMPLETED)
+                while not (message.done() or ended.is_set()):
+                    await asyncio.wait((message, end), timeout=LOOK_SECONDS, return_when=asyncio.FIRST_COMPLETED)
+                    if not self._is_still_in(visit):
+                        ended.set()
                 return message.result() if message.done() else {"type": "http.disconnect"}
             finally:
                 message.cancel()
@@ -253,8 +239,9 @@ class Guard:
     def _note(self, visit: "_Visit") -> None:
         """Count an answer, and write it to the audit log if it is about a change or a failed login."""
         self._accounts.answers[visit.status] += 1
-        is_change = visit.method not in SAFE and not (visit.is_refused and self._is_noise(visit))
-        if is_change or (visit.has_failed and visit.status == 401):
+        is_due = visit.method not in SAFE or (visit.has_failed and visit.status == 401)
+        is_stranger = visit.holder is None and (visit.user is None or visit.is_refused)
+        if is_due and not (is_stranger and self._accounts.noise.is_too_much(address_of(visit.scope))):
             job = _JOB.match(visit.location or visit.path)
             self._accounts.audit.write(
                 user=visit.user.name if visit.user else "",
@@ -263,16 +250,6 @@ class Guard:
                 job=job[1] if job else "",
                 answer=visit.status,
             )
-
-    def _is_noise(self, visit: "_Visit") -> bool:
-        """Whether a refusal is one of too many: nobody without a login may fill the log."""
-        if visit.holder is not None or visit.status == 401:  # known, or counted as a failed attempt
-            return False
-        noise, address = self._accounts.noise, address_of(visit.scope)
-        if visit.status == 429 or noise.wait(address):
-            return True
-        noise.count(address)
-        return False
 
 
 class _Visit:

@@ -16,8 +16,6 @@ MAX_FORM = 4096
 """Bytes of the form of a login."""
 BODY_SECONDS = 30.0
 """Seconds in which a body has to come."""
-LATE_SECONDS = 1.0
-"""As BODY_SECONDS, for the login of an address with too many failures."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _MAX_HEADERS, _MAX_HEADER_BYTES, _MAX_TARGET = 100, 16_384, 4096
@@ -35,15 +33,19 @@ class Refusal(Exception):  # noqa: N818 - an answer
         self.headers = dict(headers or {})
 
 
-def check_sizes(scope: Scope) -> None:
-    """Refuse a long target, and many or long headers."""
+def check_sizes(scope: Scope, headers: Headers) -> None:
+    """Refuse a long target, many or long headers, and a body where there is no use for one."""
     if len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"") > _MAX_TARGET:
         raise Refusal(414, "Address too long", f"expected an address of at most {_MAX_TARGET} bytes")
-    headers = scope["headers"]
-    if len(headers) > _MAX_HEADERS or sum(len(name) + len(value) for name, value in headers) > _MAX_HEADER_BYTES:
+    if (
+        len(headers.raw) > _MAX_HEADERS
+        or sum(len(name) + len(value) for name, value in headers.raw) > _MAX_HEADER_BYTES
+    ):
         raise Refusal(
             431, "Headers too large", f"expected at most {_MAX_HEADERS} headers of {_MAX_HEADER_BYTES} bytes in all"
         )
+    if scope["method"] in SAFE and has_body(headers):
+        raise Refusal(413, "Too large", f"expected no body: {scope['method']} changes nothing")
 
 
 def check_host(headers: Headers, entrance: Entrance) -> None:

@@ -1,15 +1,14 @@
 """The users of the service and their tokens: DATA/.service/users.json.
 
-A token is `md_ID_SECRET`. The file has the scrypt hash of the secret, so nobody can learn a token from it. `mdesign
-users` changes the file; a running service reads it again when it has changed.
+A token is `md_ID_SECRET`. Its secret has 256 random bits, so nobody can guess it, and nobody learns it from the SHA-256
+digest of the token, which is all that the file has. `mdesign users` changes the file; a running service reads it again
+when it has changed.
 """
 
 import fcntl
 import hashlib
-import hmac
 import json
 import os
-import re
 import secrets
 import string
 from collections.abc import Callable, Iterator
@@ -34,9 +33,7 @@ MAX_TOKENS = 20
 
 _LETTERS = string.ascii_letters + string.digits
 _NAME = Pattern(r"[a-z0-9][a-z0-9._-]{0,31}", "a name of up to 32 of a-z, 0-9, '.', '_' and '-'")
-_TOKEN = re.compile(r"md_([A-Za-z0-9]{8})_([A-Za-z0-9]{43})", re.ASCII)  # 43 letters or digits: 256 bits
-_CACHED = 1000  # tokens whose scrypt is not computed again
-SCRYPT_COST = 2**14  # of scrypt; secrets are random, so what it slows down cannot be guessed anyway
+_SECRET = 43  # letters and digits: 256 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +74,7 @@ class Token:
     """What the file has of a token."""
 
     id: Annotated[str, Pattern(r"[A-Za-z0-9]{8}", "8 letters and digits")]
-    salt: Annotated[str, Pattern(r"[0-9a-f]{32}", "32 hexadecimal digits")]
-    hash: Annotated[str, Pattern(r"[0-9a-f]{64}", "64 hexadecimal digits")]  # of the secret
+    digest: Annotated[str, Pattern(r"[0-9a-f]{64}", "64 hexadecimal digits")]
     created: str  # time
     expires: Annotated[str, Pattern(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", "a time in UTC")]
 
@@ -90,10 +86,6 @@ class Token:
 
     def is_expired(self, now: datetime) -> bool:
         return datetime.fromisoformat(self.expires) <= now
-
-    def fits(self, secret: str) -> bool:
-        """Whether a secret is that of this token; takes as long if it is not."""
-        return hmac.compare_digest(_hash(secret, self.salt), self.hash)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +112,8 @@ class _Reading:
 
     stamp: tuple[int, ...] | None = None  # of the file; None: it is missing
     contents: _Contents = field(default_factory=_Contents)
-    tokens: dict[str, tuple[Account, Token]] = field(default_factory=dict)
+    tokens: dict[str, tuple[Account, Token]] = field(default_factory=dict)  # by id
+    ids: dict[str, str] = field(default_factory=dict)  # of tokens, by digest
 
 
 class UserError(MercatorError):
@@ -137,7 +130,6 @@ class Users:
     def __init__(self, data: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         self.file, self._now = data / SERVICE / FILE, now
         self._reading = _Reading()
-        self._verified: dict[str, tuple[str, str]] = {}  # SHA-256 of a token -> its id, its hash in the file
 
     def accounts(self) -> tuple[Account, ...]:
         """All users; none if there is no file."""
@@ -155,27 +147,9 @@ class Users:
             return None
         return Holder(User(account.name, account.is_admin), token.id, datetime.fromisoformat(token.expires))
 
-    def verified(self, text: str) -> Holder | None:
-        """Whose token this is, if `verify` has found that before; without the time that scrypt takes."""
-        identity, hashed = self._verified.get(digest(text), ("", ""))
-        found = self._read().tokens.get(identity)
-        return self.holder(identity) if found is not None and found[1].hash == hashed else None
-
     def verify(self, text: str) -> Holder | None:
-        """Whose token this is; None if it is none, was revoked or has expired. Takes as long for any token."""
-        parts = _TOKEN.fullmatch(text)
-        if parts is None:
-            return None
-        identity, secret = parts.groups()
-        _, token = self._read().tokens.get(identity, (None, _NO_TOKEN))
-        if not token.fits(secret):
-            return None
-        holder = self.holder(identity)
-        if holder is not None:
-            while len(self._verified) >= _CACHED:
-                self._verified.pop(next(iter(self._verified)), None)
-            self._verified[digest(text)] = identity, token.hash
-        return holder
+        """Whose token this is; None if it is none, was revoked or has expired."""
+        return self.holder(self._read().ids.get(digest(text), ""))
 
     def add(self, name: str, *, is_admin: bool = False, days: float = DAYS) -> str:
         """Add a user; return a token.
@@ -253,16 +227,10 @@ class Users:
             os.close(lock)
 
     def _new_token(self, days: float) -> tuple[str, Token]:
-        identity, secret = _random(8), _random(43)
-        salt, now = secrets.token_hex(16), self._now()
-        token = Token(
-            id=identity,
-            salt=salt,
-            hash=_hash(secret, salt),
-            created=_text(now),
-            expires=_text(now + timedelta(days=days)),
-        )
-        return f"md_{identity}_{secret}", token
+        identity, now = _random(8), self._now()
+        text = f"md_{identity}_{_random(_SECRET)}"
+        expires = _text(now + timedelta(days=days))
+        return text, Token(id=identity, digest=digest(text), created=_text(now), expires=expires)
 
     def _read(self) -> _Reading:
         """The file as it is now. After a mistake in it nobody is a user, and the mistake is raised each time."""
@@ -278,17 +246,14 @@ class Users:
         if stamp != self._reading.stamp:
             contents = _Contents() if stamp is None else read_json(self.file, _Contents, error=ServiceError)
             tokens = {token.id: (account, token) for account in contents.users for token in account.tokens}
-            self._reading = _Reading(stamp, contents, tokens)
+            ids = {token.digest: token.id for _, token in tokens.values()}
+            self._reading = _Reading(stamp, contents, tokens, ids)
         return self._reading
 
 
 def id_of(token: str) -> str:
     """The id of a token, which is no secret."""
     return token.split("_")[1]
-
-
-def _hash(secret: str, salt: str) -> str:
-    return hashlib.scrypt(secret.encode(), salt=bytes.fromhex(salt), n=SCRYPT_COST, r=8, p=1, dklen=32).hex()
 
 
 def digest(secret: str) -> str:
@@ -302,6 +267,3 @@ def _random(length: int) -> str:
 
 def _text(time: datetime) -> str:
     return time.isoformat(timespec="seconds")
-
-
-_NO_TOKEN = Token(id="x" * 8, salt="0" * 32, hash="0" * 64, created="", expires="2000-01-01T00:00:00+00:00")

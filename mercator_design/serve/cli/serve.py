@@ -8,7 +8,7 @@ import click
 
 from mercator_design.command import FILE, print_message
 from mercator_design.errors import MercatorError
-from mercator_design.serve.accounts.entrance import Entrance, check_certificate
+from mercator_design.serve.accounts.entrance import Entrance, tls_of
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
 from mercator_design.serve.cli.users import data_of
@@ -41,12 +41,11 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
     """
     if (certificate is None) != (key is None):
         raise click.UsageError("expected both --certificate and --key, found one of them")
-    if certificate is not None and key is not None:
-        check_certificate(certificate, key)
+    tls = None if certificate is None or key is None else tls_of(certificate, key)
     settings = load_settings(data)
     entrance = Entrance(
         host=host,
-        has_tls=certificate is not None,
+        has_tls=tls is not None,
         is_behind_proxy=behind_proxy,
         names=settings.hosts,
         proxies=settings.proxies,
@@ -64,7 +63,7 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
             service.accounts.end_streams()
 
         Thread(target=_warm_up, args=[service], daemon=True).start()
-        run(app, listener, certificate=certificate, key=key, at_end=stop)
+        run(app, listener, tls=tls, is_proxy=entrance.is_proxy, at_end=stop)
 
 
 def _warm_up(service: Service) -> None:

@@ -7,8 +7,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import Scope
 
-from mercator_design.serve.accounts.accounts import TooManyFailures
-from mercator_design.serve.accounts.guard import LOGIN, LOGOUT, address_of, cookie_name, session_of
+from mercator_design.serve.accounts.guard import LOGIN, LOGOUT, cookie_name, session_of
 from mercator_design.serve.accounts.sessions import DAYS
 from mercator_design.serve.http.context import TheService
 from mercator_design.serve.web.layout import page
@@ -32,11 +31,7 @@ async def log_in(request: Request, service: TheService) -> Response:
     accounts, scope = service.accounts, request.scope
     fields = parse_qs((await request.body()).decode("latin-1"))
     (token, *_), (target, *_) = (fields.get(name, [""]) for name in ("token", "to"))
-    try:
-        holder = await accounts.holder_of_token(token.strip(), address_of(scope))
-    except TooManyFailures as error:
-        wrong = "Too many attempts have failed. Wait a minute."
-        return login_page(target, wrong, status=error.status, headers=error.headers)
+    holder = accounts.users.verify(token.strip())
     if holder is None:
         return login_page(target, _WRONG, status=401)
     request.state.user = holder.user
@@ -62,16 +57,13 @@ def _cookie(scope: Scope) -> dict[str, Any]:
     return {"key": cookie_name(scope), "secure": scope["scheme"] == "https", "httponly": True, "samesite": "strict"}
 
 
-def login_page(
-    target: str, wrong: str = "", *, status: int = 200, headers: dict[str, str] | None = None
-) -> HTMLResponse:
+def login_page(target: str, wrong: str = "", *, status: int = 200) -> HTMLResponse:
     """The page on which one logs in.
 
     Args:
         target: The address of this service to which it leads.
         wrong: What was wrong with the attempt before.
         status: Of the answer.
-        headers: Further ones.
     """
     problem = f'<p class="problem" role="alert">{escaped(wrong)}</p>' if wrong else ""
     form = Html(
@@ -82,9 +74,7 @@ def login_page(
         '<p><button class="main">Log in</button></p></form>'
         '<p class="faint">The administrator of this service gives you a token: <code>mdesign users add NAME</code>.</p>'
     )
-    answer = page("Log in", problem, form, user=None, status=status)
-    answer.headers.update(headers or {})
-    return answer
+    return page("Log in", problem, form, user=None, status=status)
 
 
 def _own(target: str) -> str:

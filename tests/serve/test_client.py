@@ -283,7 +283,15 @@ class TestLostConnections:
         assert waited == [0.5, 1.0, 2.0, 5.0, 0.5, 1.0]
         assert len(announced) == 2
 
-    @pytest.mark.parametrize("status", [401, 403, 404, 409, 429, 500])
+    def test_too_many_streams_are_waited_for(self):
+        found, waited, announced = self.follow(
+            lambda _: httpx.Response(429, json={"errors": ["expected at most 40 event streams"]}),
+            lambda request: self.stream(request, 0, self.EVENTS, "succeeded"),
+        )
+        assert (len(found), waited) == (self.EVENTS, [0.5])
+        assert announced == ["expected at most 40 event streams; trying again"]
+
+    @pytest.mark.parametrize("status", [401, 403, 404, 409, 500])
     def test_refusals_end_it(self, status):
         with pytest.raises(ClientError, match="no"):
             self.follow(

@@ -101,6 +101,21 @@ def test_a_job_is_followed_to_its_end_and_replayed_meanwhile(page, live):
     assert is_clean(page, live)
 
 
+def test_a_job_that_cannot_be_followed_live_is_renewed(page, live, monkeypatch):
+    job, streams = running(live), live.service.accounts.streams
+    with monkeypatch.context() as patch:
+        patch.setattr(streams, "_of_user", 0)
+        page.open(f"{live.address}/jobs/{job}")
+        page.wait_for("document.querySelector('#notice').innerText.includes('Too many pages')")
+        live.go_on(30)
+        done = live.service.index.get(job).experiments
+        page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")  # as after its five seconds
+        page.wait_for(f"document.querySelector('#now').innerText.includes('{done} of {BUDGET}')")
+    page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")
+    page.wait_for("document.querySelector('#notice').innerText === ''")
+    assert streams.taken["local"] == 1
+
+
 @pytest.fixture(scope="module")
 def finished(live):
     """A job that has raced."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mercator_design.serve.accounts import audit, sessions
 from mercator_design.serve.accounts.audit import Audit
-from mercator_design.serve.accounts.noise import Noise
+from mercator_design.serve.accounts.noise import AuditNoise
 from mercator_design.serve.accounts.places import Places
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.accounts.users import Holder, Users
@@ -49,7 +49,7 @@ class Accounts:
         self.users = Users(data, now)
         self.sessions = Sessions(data / SERVICE / sessions.FILE, now)
         self.audit = Audit(data / SERVICE / audit.FILE, now)
-        self.noise = Noise(clock)
+        self.noise = AuditNoise(clock)
         self.answers: Counter[int] = Counter()
         self.requests = Places("requests", limits.requests, MAX_REQUESTS)
         self.streams = Places("event streams", limits.streams, MAX_STREAMS)

@@ -12,7 +12,7 @@ PERIOD = 6.0
 MAX_ADDRESSES = 10_000  # that are remembered
 
 
-class Noise:
+class AuditNoise:
     """Counts the lines of addresses.
 
     Args:

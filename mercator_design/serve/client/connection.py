@@ -27,7 +27,13 @@ _TIMEOUT = httpx.Timeout(60.0, connect=10.0, read=150.0)
 
 
 class ClientError(MercatorError):
-    """A service cannot be reached, or refuses a request."""
+    """A service cannot be reached, or refuses a request.
+
+    Attributes:
+        status: Of the answer that is the refusal; 0 without an answer.
+    """
+
+    status = 0
 
 
 class Lost(ClientError):  # noqa: N818 - says what has happened
@@ -148,6 +154,7 @@ class Connection:
             messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}{or_file}")
         kind = Lost if status in (502, 503, 504) else ClientError
         refusal = kind(*messages)
+        refusal.status = status
         if status == 422:  # what is not valid
             refusal.exit_code = MissionError.exit_code
         return refusal

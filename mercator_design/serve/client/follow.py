@@ -25,6 +25,9 @@ _SILENCE = 60.0
 _WAITS = (0.5, 1.0, 2.0, 5.0, 10.0)
 """Seconds before the next tries."""
 
+_TOO_MANY = 429
+"""The status of the refusal when a user has as many event streams as there may be: one of them will end."""
+
 Sleep = Callable[[float], None]
 
 
@@ -68,7 +71,9 @@ def events_of(
                 yield received
                 if received.kind == STATE and received.data.get("state") in ENDED:
                     return
-        except Lost as lost:
+        except ClientError as lost:
+            if not isinstance(lost, Lost) and lost.status != _TOO_MANY:
+                raise
             if not is_announced:
                 announce(f"{lost.messages[0]}; trying again")
                 is_announced = True

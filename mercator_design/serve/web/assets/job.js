@@ -25,6 +25,7 @@
     source?.close();
     source = null;
   };
+  const POLLED = "Too many pages follow races now, so this one is renewed every 5 seconds. Close some to see it live.";
   const follow = () => {
     close();
     if (document.hidden || Live.isLeaving || at("now").dataset.ended === "true") return;
@@ -42,8 +43,12 @@
       for (const id of ["now", "race", "files", "about", "messages"]) await Live.refresh(id);
     });
     const mine = source;
+    source.addEventListener("open", () => at("notice").textContent === POLLED && Live.report(""));
     source.addEventListener("error", () => {
-      if (mine.readyState === EventSource.CLOSED && mine === source) setTimeout(again, 5000);
+      if (mine.readyState !== EventSource.CLOSED || mine !== source) return;
+      Live.report(POLLED, false); // what else may be wrong, the next request says
+      soon("race");
+      setTimeout(again, 5000);
     });
   };
   const again = async () => {

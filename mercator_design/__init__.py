@@ -11,6 +11,7 @@ in `__init__.pyi`; docs/how-to/use-from-python.md has more examples.
 """
 
 import importlib
+import sys
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,18 @@ _PLACES = {
 }
 """Name -> module and the name there; or a package."""
 
+_DRAWN = (
+    "api:DesignRun",
+    "results.analysis.evaluation:Evaluation",
+    "fsm.files:FsmFile",
+    "fsm.pfsm:Pfsm",
+    "missions.mission:Mission",
+    "missions.trace:Trace",
+    "race.racing.summary:Scores",
+    "race.running.task:RaceResult",
+)
+"""The classes that notebook.py draws."""
+
 __all__ = ["__version__", *_PLACES]  # noqa: PLE0604 - all are texts
 
 
@@ -48,6 +61,21 @@ def __getattr__(name: str) -> object:
         raise
     found = getattr(module, there) if there else module
     globals()[name] = found
+    _draw_in_notebooks()
+    return found
+
+
+def _draw_in_notebooks() -> None:
+    """Give a `_repr_html_`, which notebooks call, to the classes of DRAWN that are imported so far."""
+    for place in _DRAWN:
+        module, _, there = place.partition(":")
+        if found := sys.modules.get(f"{__name__}.{module}"):
+            getattr(found, there)._repr_html_ = _html
+
+
+def _html(value: object) -> str:
+    """What a notebook shows of a value."""
+    found: str = importlib.import_module(f"{__name__}.notebook").html_of(value)
     return found
 
 

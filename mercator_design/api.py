@@ -43,6 +43,9 @@ class SimulatedTrace(Trace):
     pfsm: Pfsm
     seed: int
 
+    def __repr__(self) -> str:
+        return f"<SimulatedTrace of {self.simulator.mission.name}, seed {self.seed}: {self.summary}>"
+
     def replay(self) -> "ReplayPage":
         """The experiment as a page that plays it: shown by a notebook, and written by its `save`."""
         from mercator_design.show.experiment import ShownExperiment
@@ -153,6 +156,17 @@ class DesignRun(RaceRun[tuple[Pfsm, int]]):
         if folder is not None:
             self._resources.enter_context(folder)
 
+    def __repr__(self) -> str:
+        return f"<DesignRun of {self.designer.name}: {self.summary}>"
+
+    @property
+    def summary(self) -> str:
+        """How far the race is, or its winner, in a line."""
+        done = f"{len(self._record.experiments)} of {self._record.budget} experiments"
+        if self._result is None:
+            return done
+        return f"{done}, configuration {self._result.configuration} won: {self._result.scores.summary}"
+
     def _run(self) -> Generator[Event, None, None]:
         started = time.monotonic()
         with self._resources:
@@ -168,6 +182,11 @@ class DesignRun(RaceRun[tuple[Pfsm, int]]):
         """Stop the race: end its threads and close its run folder, whose race can be resumed."""
         super().close()
         self._resources.close()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether there is a winner."""
+        return self._result is not None
 
     @property
     def pfsm(self) -> Pfsm:

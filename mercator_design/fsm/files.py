@@ -35,6 +35,10 @@ class FsmFile:
         if not self.names:
             object.__setattr__(self, "names", state_names(self.pfsm))
 
+    def __repr__(self) -> str:
+        of = f" of {excerpt(self.header['mission'])}" if "mission" in self.header else ""
+        return f"<FsmFile{of}: {self.pfsm.summary}>"
+
 
 def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
     """Read an fsm.txt or an fsm.yaml.

@@ -126,6 +126,16 @@ class Pfsm:
                     f"{place}: parameter {parameter.name} of {name} must be {parameter.domain}, found {value:g}"
                 )
 
+    def __repr__(self) -> str:
+        return f"<Pfsm: {self.summary}>"
+
+    @property
+    def summary(self) -> str:
+        """Flavour, states and number of transitions in a line."""
+        n, m = len(self.states), sum(len(state.transitions) for state in self.states)
+        states = f"{n} state{'s' * (n != 1)} ({', '.join(state.behaviour for state in self.states)})"
+        return f"{self.flavour}, {states}, {m} transition{'s' * (m != 1)}"
+
     @property
     def reads(self) -> frozenset[str]:
         """The senses that a robot must have to run this PFSM."""

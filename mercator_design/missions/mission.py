@@ -156,6 +156,15 @@ class Mission(FromFile):
     def __post_init__(self) -> None:
         check(self)
 
+    def __repr__(self) -> str:
+        return f"<Mission {self.name}: {self.summary}>"
+
+    @property
+    def summary(self) -> str:
+        """Robots, duration and objective in a line."""
+        robots = f"{self.robots} robot{'s' * (self.robots != 1)}"
+        return f"{robots}, {self.duration:g} s, {self.objective.direction} {self.objective.name}"
+
     def realise_floor(self, rng: np.random.Generator) -> FloorTable:
         """As `Floor.realise`.
 

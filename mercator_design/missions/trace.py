@@ -68,6 +68,15 @@ class Trace:
         if self.poses.shape != (cycles + 1, robots, 3):
             raise ValueError(f"expected poses ({cycles + 1}, {robots}, 3), found {self.poses.shape}")
 
+    def __repr__(self) -> str:
+        return f"<Trace: {self.summary}>"
+
+    @property
+    def summary(self) -> str:
+        """Its size in a line."""
+        robots = f"{self.robots} robot{'s' * (self.robots != 1)}"
+        return f"{robots}, {self.cycles} cycle{'s' * (self.cycles != 1)} of {self.control_period:g} s"
+
     @property
     def cycles(self) -> int:
         return len(self.states)

@@ -77,6 +77,10 @@ class Recording:
     noise_keys: Keys  # (robots,)
     control_period: float  # [s]
 
+    def __repr__(self) -> str:
+        cycles, robots = self.history.states.shape
+        return f"<Recording of {robots} {self.robot_model.name} in {cycles} cycles of {self.control_period:g} s>"
+
     def measure(self, name: str, every: int = 1) -> Floats:
         """The values of a device at the end of every n-th cycle, and of the last.
 

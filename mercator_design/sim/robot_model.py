@@ -84,6 +84,9 @@ class RobotModel(FromFile):
             elif self.lidar.head_radius == 0.0 and self.lidar.height >= self.body.height:
                 yield FieldError("neighbours.device", "the lidar sees no robots: lidar.head_radius is 0")
 
+    def __repr__(self) -> str:
+        return f"<RobotModel {self.name}: {', '.join(sorted(self.senses)) or 'no senses'}>"
+
     @property
     def fastest(self) -> float:
         """The highest speed of a point of the body [m/s]: a corner, driving and spinning at full speed."""

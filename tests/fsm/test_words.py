@@ -11,7 +11,7 @@ from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import Swarm, module_words, with_parameters
+from mercator_design.fsm.words.modules import KnownSwarm, module_words, with_parameters
 from mercator_design.fsm.words.names import state_names
 from tests.fsm.strategies import pfsms
 from tests.fsm.test_structure import renumbered
@@ -28,7 +28,7 @@ def changes(other, one=HERE):
 
 
 def test_an_explanation():
-    assert explanation(HERE, ("search", "rest"), Swarm(0.1)) == (
+    assert explanation(HERE, ("search", "rest"), KnownSwarm(0.1)) == (
         "A PFSM of watermelon with 2 states and 2 transitions. Robots begin in search.\n"
         "In each control cycle (0.1 s) a robot does what its state says.\n"
         "Then, but for the first cycle of a visit, it tests the transitions of the state in random order,\n"
@@ -64,16 +64,16 @@ def test_an_explanation():
     ],
 )
 def test_a_robot_has_no_more_neighbours_than_there_are_other_robots(robots, words):
-    found = module_words("inverted neighbours count", (8.0, 10.38), Swarm(0.1, robots))
+    found = module_words("inverted neighbours count", (8.0, 10.38), KnownSwarm(0.1, robots))
     assert found == f"the fewer neighbours the likelier: {words}"
-    several = module_words("neighbours count", (8.0, 10.38), Swarm(0.1, robots))
+    several = module_words("neighbours count", (8.0, 10.38), KnownSwarm(0.1, robots))
     assert several.partition("cycle")[2] == found.partition("cycle")[2]
 
 
 def test_a_robot_alone_has_no_neighbours_to_go_to():
     for behaviour in ("attraction", "repulsion"):
-        assert module_words(behaviour, (2.0,), Swarm(0.1, 1)).endswith("obstacles; there is no other robot")
-        assert module_words(behaviour, (2.0,), Swarm(0.1, 2)).endswith("obstacles")
+        assert module_words(behaviour, (2.0,), KnownSwarm(0.1, 1)).endswith("obstacles; there is no other robot")
+        assert module_words(behaviour, (2.0,), KnownSwarm(0.1, 2)).endswith("obstacles")
 
 
 class TestRobotsThatAreKnown:
@@ -129,7 +129,7 @@ class TestRobotsThatAreKnown:
 def test_every_module_of_published_designs_is_explained(flavour):
     for line in PUBLISHED[flavour].values():
         pfsm = parse(line, flavour)
-        text = explanation(pfsm, state_names(pfsm), Swarm(0.1))
+        text = explanation(pfsm, state_names(pfsm), KnownSwarm(0.1))
         for state in pfsm.states:
             assert with_parameters(state.behaviour, state.parameters) in text
             assert all(with_parameters(edge.condition, edge.parameters) in text for edge in state.transitions)

@@ -10,11 +10,11 @@ from mercator_design.config.loading import parse
 from mercator_design.config.schema import Kind, Positive, Range
 from mercator_design.errors import FsmError, MercatorError
 from mercator_design.fsm.files import FsmFile
-from mercator_design.fsm.words.modules import Swarm
+from mercator_design.fsm.words.modules import KnownSwarm
 from mercator_design.robot.devices.settings import CONTROL_PERIOD
 
 
-def swarm_of(fsm: Path, file: FsmFile, mission: str | None = None) -> Swarm:
+def swarm_of(fsm: Path, file: FsmFile, mission: str | None = None) -> KnownSwarm:
     """The robots of a mission, or of the mission in the header of a controller's file.
 
     The header itself has what is needed, unless it was written by hand or by an earlier version.
@@ -37,10 +37,10 @@ def swarm_of(fsm: Path, file: FsmFile, mission: str | None = None) -> Swarm:
                 raise
             print_note(f"Note: the number of robots is not known: {error}")
         else:
-            return Swarm(given.control_period, given.robots)
+            return KnownSwarm(given.control_period, given.robots)
     cycle = _entry(fsm, file, "control period", Positive)
     robots = _entry(fsm, file, "robots", Annotated[int, Range(1, 1000)])
-    return Swarm(CONTROL_PERIOD if cycle is None else cycle, robots)
+    return KnownSwarm(CONTROL_PERIOD if cycle is None else cycle, robots)
 
 
 def _entry(fsm: Path, file: FsmFile, key: str, kind: Kind) -> Any:  # noqa: ANN401 - what `kind` says

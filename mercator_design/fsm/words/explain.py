@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.modules import Swarm, module_words, robots_words, with_parameters
+from mercator_design.fsm.words.modules import KnownSwarm, module_words, robots_words, with_parameters
 
 
-def explanation(pfsm: Pfsm, names: Sequence[str], swarm: Swarm) -> str:
+def explanation(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> str:
     """What robots with a PFSM do.
 
     Args:
@@ -17,7 +17,7 @@ def explanation(pfsm: Pfsm, names: Sequence[str], swarm: Swarm) -> str:
     return "\n".join(_lines(pfsm, names, swarm))
 
 
-def _lines(pfsm: Pfsm, names: Sequence[str], swarm: Swarm) -> Iterator[str]:
+def _lines(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> Iterator[str]:
     n, m = len(pfsm.states), sum(len(state.transitions) for state in pfsm.states)
     parts = f"{_count(n, 'state')} and {_count(m, 'transition')}"
     yield f"A PFSM of {pfsm.flavour} with {parts}. Robots begin in {names[0]}."

@@ -16,7 +16,7 @@ from mercator_design.fsm.modules import Module
 Words = Callable[..., str]
 
 
-class Swarm(NamedTuple):
+class KnownSwarm(NamedTuple):
     """What is known of the robots that run a PFSM."""
 
     cycle: float  # [s] control period
@@ -24,7 +24,7 @@ class Swarm(NamedTuple):
 
 
 def _exploration(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     tau: int,  # [cycles] a turn away from an obstacle takes fewer cycles than this; 0 means 1
 ) -> str:
@@ -34,23 +34,23 @@ def _exploration(
     return f"drives straight on; before an obstacle it turns away for {time} (at most {_seconds(longest, swarm)})"
 
 
-def _stop(_: Swarm) -> str:
+def _stop(_: KnownSwarm) -> str:
     """Stand still."""
     return "stands still"
 
 
-def _phototaxis(_: Swarm) -> str:
+def _phototaxis(_: KnownSwarm) -> str:
     """Go to the light, away from obstacles."""
     return "goes to the light and keeps away from obstacles"
 
 
-def _anti_phototaxis(_: Swarm) -> str:
+def _anti_phototaxis(_: KnownSwarm) -> str:
     """Go away from the light and from obstacles."""
     return "goes away from the light and from obstacles"
 
 
 def _attraction(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
 ) -> str:
@@ -60,7 +60,7 @@ def _attraction(
 
 
 def _repulsion(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     alpha: float,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
 ) -> str:
@@ -70,7 +70,7 @@ def _repulsion(
 
 
 def _black_floor(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     beta: float,  # [per cycle] probability where the ground is black
 ) -> str:
@@ -79,7 +79,7 @@ def _black_floor(
 
 
 def _gray_floor(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     beta: float,  # [per cycle] probability where the ground is gray
 ) -> str:
@@ -88,7 +88,7 @@ def _gray_floor(
 
 
 def _white_floor(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     beta: float,  # [per cycle] probability where the ground is white
 ) -> str:
@@ -97,7 +97,7 @@ def _white_floor(
 
 
 def _neighbours_count(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
     eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
@@ -107,7 +107,7 @@ def _neighbours_count(
 
 
 def _inverted_neighbours_count(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     xi: int,  # [robots] number of neighbours at which the probability is 1/2 a cycle
     eta: float,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
@@ -117,7 +117,7 @@ def _inverted_neighbours_count(
 
 
 def _fixed_probability(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     beta: float,  # [per cycle] probability
 ) -> str:
@@ -126,7 +126,7 @@ def _fixed_probability(
 
 
 def _floor_colour(
-    swarm: Swarm,
+    swarm: KnownSwarm,
     *,
     beta: float,  # [per cycle] probability where the ground has the colour
     label: Literal["green", "blue", "red", "yellow"],  # the colour
@@ -135,7 +135,7 @@ def _floor_colour(
     return _with_probability(beta, swarm, f"where the ground is {label}")
 
 
-def _with_probability(beta: float, swarm: Swarm, where: str) -> str:
+def _with_probability(beta: float, swarm: KnownSwarm, where: str) -> str:
     if beta <= 0.0:
         return "never"
     if beta >= 1.0:
@@ -145,7 +145,7 @@ def _with_probability(beta: float, swarm: Swarm, where: str) -> str:
     return f"with probability {beta:g} a cycle{place} ({time})"
 
 
-def _by_neighbours(xi: int, eta: float, swarm: Swarm, sign: int) -> str:
+def _by_neighbours(xi: int, eta: float, swarm: KnownSwarm, sign: int) -> str:
     """The probabilities with none and with about xi neighbours; no more than there are other robots."""
     numbers = {0, max(0, int(xi) - 1), int(xi), int(xi) + 1}
     only = ""
@@ -178,7 +178,7 @@ def _percent(probability: float) -> str:
     return f"{percent:.{0 if 1.0 <= percent <= 99.0 else 1}f} %"
 
 
-def _seconds(cycles: float, swarm: Swarm) -> str:
+def _seconds(cycles: float, swarm: KnownSwarm) -> str:
     return f"{cycles * swarm.cycle:.3g} s"
 
 
@@ -231,7 +231,7 @@ def parameters_words(module: str, values: tuple[float, ...]) -> str:
     return ", ".join(found)
 
 
-def module_words(module: str, values: tuple[float, ...], swarm: Swarm) -> str:
+def module_words(module: str, values: tuple[float, ...], swarm: KnownSwarm) -> str:
     """What a module with these parameters does: "stands still"; with which probability a condition holds."""
     return _WORDS[module](swarm, **named_values(module, values))
 

@@ -66,6 +66,18 @@ class Scores:
 
     values: tuple[float, ...]
 
+    def __repr__(self) -> str:
+        return f"<Scores: {self.summary}>"
+
+    @property
+    def summary(self) -> str:
+        """Mean, confidence interval and number in a line."""
+        if not self.values:
+            return "n=0"
+        interval = self.confidence_interval
+        around = "" if interval is None else f", {interval[0]:.6g} to {interval[1]:.6g} at {CONFIDENCE:.0%}"
+        return f"mean {self.mean:.6g}{around}, n={len(self.values)}"
+
     @property
     def mean(self) -> float:
         """Arithmetic mean."""

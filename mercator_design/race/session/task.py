@@ -6,7 +6,7 @@ folder (results/folder.py) are the same for all tasks.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
@@ -32,7 +32,10 @@ class RaceResult:
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
     tests: dict[int, Scores]  # of the configurations that were tested, the winner first
-    finished: tuple[ExperimentDone, ...] = field(repr=False)  # all experiments, in order of their numbers
+    finished: tuple[ExperimentDone, ...]  # all experiments, in order of their numbers
+
+    def __repr__(self) -> str:
+        return f"<RaceResult: configuration {self.configuration}, {self.scores.summary}>"
 
 
 class Problem(ABC, Generic[T]):

@@ -11,3 +11,6 @@ class Evaluation:
 
     scores: Scores
     seeds: tuple[int, ...]
+
+    def __repr__(self) -> str:
+        return f"<Evaluation: {self.scores.summary}>"

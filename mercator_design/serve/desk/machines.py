@@ -11,7 +11,7 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import Swarm
+from mercator_design.fsm.words.modules import KnownSwarm
 from mercator_design.fsm.yaml_form import parse_yaml
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
@@ -75,7 +75,7 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     """An FSM as text, YAML, data, words and a picture; with findings, on a mission if one is known."""
     on = None if simulator is None else (simulator.mission, simulator.robot_model)
     written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
-    swarm = Swarm(_CYCLE) if on is None else Swarm(on[0].control_period, on[0].robots)
+    swarm = KnownSwarm(_CYCLE) if on is None else KnownSwarm(on[0].control_period, on[0].robots)
     return {
         "text": to_text(found.pfsm),
         "file": fsm_file_text(found.pfsm, {} if simulator is None else header_of(simulator), found.names),

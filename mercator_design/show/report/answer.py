@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import Swarm, module_words, robots_words
+from mercator_design.fsm.words.modules import KnownSwarm, module_words, robots_words
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
@@ -76,7 +76,7 @@ def _words(facts: Facts, pfsm: Pfsm) -> Html:
     if facts.designer is None:
         return Html()
     mission, model = facts.designer.simulator.mission, facts.designer.simulator.robot_model
-    names, swarm = state_names(pfsm), Swarm(mission.control_period, mission.robots)
+    names, swarm = state_names(pfsm), KnownSwarm(mission.control_period, mission.robots)
     does = dict.fromkeys(module_words(state.behaviour, state.parameters, swarm) for state in pfsm.states)
     when = "; its conditions decide when" if len(does) > 1 else ""
     findings = "".join(

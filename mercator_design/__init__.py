@@ -42,8 +42,8 @@ _DRAWN = (
     "fsm.pfsm:Pfsm",
     "missions.mission:Mission",
     "missions.trace:Trace",
-    "race.racing.summary:Scores",
-    "race.running.task:RaceResult",
+    "race.elimination.summary:Scores",
+    "race.session.task:RaceResult",
 )
 """The classes that notebook.py draws."""
 

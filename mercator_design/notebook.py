@@ -7,13 +7,14 @@ which notebooks ask for HTML. This module is imported when something is shown.
 import base64
 from functools import singledispatch
 
-from mercator_design.api import DesignRun, Evaluation, SimulatedTrace
+from mercator_design.api import DesignRun, SimulatedTrace
 from mercator_design.fsm.files import FsmFile
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.task import RaceResult
+from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.show.charts import STYLE, Axis, Dot, interval_chart
 from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.machines.diagram import diagram_svg

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import selectors
 import shlex
 import subprocess
@@ -24,6 +25,10 @@ _OPTIONS = {
 END_WAIT = 0.3  # [s] for ssh to end after its last output
 _CHUNK = 65_536  # [bytes]
 _OWN_FAULT = 255  # exit code of ssh if ssh itself has failed
+# Lines of OpenSSH; other lines may follow, such as scp's.
+_KEY_CHANGED = re.compile(r"^Host key for (\S+) has changed", re.MULTILINE)
+_KEY_UNKNOWN = re.compile(r"^Host key verification failed|^No \S+ host key is known for", re.MULTILINE)
+_REFUSED = re.compile(r"^.*: Permission denied \(.*publickey.*\)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +50,7 @@ class Conversation:
     """A shell script in the folder of a robot, with a dialogue line by line.
 
     has_ended: Whether ssh has ended.
-    words: The last line of stderr then.
+    words: The last line of stderr then, or what to do if a key is not accepted.
     """
 
     def __init__(self, robot: RemoteRobot, script: str, arguments: Iterable[str] = ()) -> None:
@@ -55,6 +60,7 @@ class Conversation:
             RobotError: if there is no ssh.
         """
         self.has_ended, self.words = False, ""
+        self._robot = robot
         self._splitter = LineSplitter()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - until `close`
         try:
@@ -86,7 +92,7 @@ class Conversation:
             self.has_ended = True
             code = self._process.returncode
             has_not = "the connection has ended, ssh has not"
-            self.words = _last_line(self._errors) or (has_not if code is None else f"ssh: exit code {code}")
+            self.words = _failure(self._errors, self._robot) or (has_not if code is None else f"ssh: exit code {code}")
             return None
         return self._splitter.receive(data)
 
@@ -150,7 +156,7 @@ def run(program: str, robot: RemoteRobot, arguments: Sequence[str], timeout: flo
     """Run ssh or scp: the last line that it prints.
 
     Raises:
-        RobotError: if it fails, with the last line of what it says.
+        RobotError: if it fails, with the last line of what it says, or what to do if a key is not accepted.
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:  # children of scp might keep a pipe open
         try:
@@ -168,7 +174,7 @@ def run(program: str, robot: RemoteRobot, arguments: Sequence[str], timeout: flo
             raise _missing(program) from None
         said = _last_line(out)
         if done.returncode:
-            raise RobotError(_last_line(err) or said or f"{program}: exit code {done.returncode}")
+            raise RobotError(_failure(err, robot) or said or f"{program}: exit code {done.returncode}")
     return said
 
 
@@ -189,5 +195,26 @@ def _missing(program: str) -> RobotError:
 
 
 def _last_line(file: IO[bytes]) -> str:
+    return _text(file).rpartition("\n")[2]
+
+
+def _failure(errors: IO[bytes], robot: RemoteRobot) -> str:
+    """Why ssh or scp has failed, by what it says: its last line, or what to do if a key is not accepted."""
+    said = _text(errors)
+    user = "" if robot.user is None else f"{robot.user}@"
+    host = ("" if robot.port is None else f"-p {robot.port} ") + user + robot.host
+    if changed := _KEY_CHANGED.search(said):
+        return (
+            "its host key has changed: if it was installed anew, or has the address of another computer, "
+            f"`ssh-keygen -R '{changed[1]}'`, then log in once by hand: `ssh {host}`"
+        )
+    if _KEY_UNKNOWN.search(said):
+        return f"its host key is not known here: log in once by hand and accept it: `ssh {host}`"
+    if refused := _REFUSED.search(said):
+        return f"{refused[0]}: it accepts no key of yours: `ssh-copy-id {host}`"
+    return said.rpartition("\n")[2]
+
+
+def _text(file: IO[bytes]) -> str:
     file.seek(0)
-    return file.read().decode(errors="replace").strip().rpartition("\n")[2]
+    return file.read().decode(errors="replace").replace("\r", "").strip()

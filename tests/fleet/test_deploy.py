@@ -269,3 +269,50 @@ def test_a_folder_that_scp_would_take_for_something_else(deploy, field, folder):
     (field / "r1/mercator/logs/run.jsonl").write_text("log")
     assert deploy(f"--collect={folder}") == (0, f"ok      r1               1 files in {folder}/r1\n", "")
     assert (field / folder / "r1/run.jsonl").read_text() == "log"
+
+
+CHANGED = """@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@@
+@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @
+Offending ED25519 key in /home/me/.ssh/known_hosts:1
+  remove with:
+  ssh-keygen -f "/home/me/.ssh/known_hosts" -R "[r2]:2222"
+Host key for [r2]:2222 has changed and you have requested strict checking.
+Host key verification failed.
+"""
+"""Of OpenSSH 9.2."""
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (CHANGED, "its host key has changed: if it was installed anew, or has the address of another computer, "
+         "`ssh-keygen -R '[r2]:2222'`, then log in once by hand: `ssh -p 2222 pi@r2`"),
+        ("Host key verification failed.\n", "its host key is not known here: log in once by hand and accept it: "
+         "`ssh -p 2222 pi@r2`"),
+        ("pi@r2: Permission denied (publickey,password).\n",
+         "pi@r2: Permission denied (publickey,password): it accepts no key of yours: `ssh-copy-id -p 2222 pi@r2`"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("program", ["ssh", "scp"])
+def test_keys_that_are_not_accepted(deploy, field, program, said, words):
+    """What scp says last is no reason: it closes the connection."""
+    (field / "said").write_text(said)
+    (field / "robots.yaml").write_text("robots: [{name: r2, host: r2, user: pi, port: 2222}]\n")
+    last = "" if program == "ssh" else 'echo "scp: Connection closed" >&2; '
+    (field / "bin" / program).write_text(f"#!/bin/sh\ncat {field}/said >&2; {last}exit 255\n")
+    code, out, _ = deploy("fsm.txt")
+    assert (code, out) == (1, f"FAILED  r2               {words}\n")
+
+
+def test_a_key_that_has_changed_meanwhile(deploy, field):
+    """As the check, over another connection, finds."""
+    (field / "said").write_text(CHANGED)
+    usual = (field / "bin/ssh").rename(field / "bin/usual-ssh")
+    (field / "bin/ssh").write_text(
+        f'#!/bin/sh\ncase "$*" in *--json*) cat {field}/said >&2; exit 255;; esac\n'
+        f"exec {sys.executable} -IS -c \"import sys; sys.argv[0] = 'ssh'; exec(open('{usual}').read())\" \"$@\"\n"
+    )
+    (field / "bin/ssh").chmod(0o755)
+    code, out, _ = deploy("--check")
+    assert code == 1
+    assert out.count("WRONG  r1: its host key has changed: ") == 1

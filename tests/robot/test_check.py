@@ -246,8 +246,8 @@ def test_each_device_by_itself(found, devices):
         ),
         (
             "proximity",
-            lambda d: d.deaf.add("proximity"),
-            "no answer; it was heard before: are all sensors plugged in, is its cable loose,",
+            lambda d: d.silent.add("proximity"),
+            "are all sensors plugged in? Unplug the hub and plug it in again",
         ),
     ],
 )
@@ -261,6 +261,43 @@ def test_a_lidar_s_warning(found, devices):
     devices.lidar.health = 1
     code, _, wrong, _ = found()
     assert (code, wrong) == (1, {"lidar's health": "a warning, 0x0; take its power away for a moment"})
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        (
+            lambda d: setattr(d.hub, "is_old", True),
+            "it refuses command 0x52 as bad: is its firmware too old? Update it",
+        ),
+        (lambda d: d.deaf.add("proximity"), "it does not acknowledge command 0x52: is its firmware too old?"),
+    ],
+)
+def test_a_hub_that_obeys_no_command_and_sends_distances(found, devices, trouble, words):
+    """A run needs no more."""
+    trouble(devices)
+    code, fine, _, _ = found()
+    assert (code, fine["hub's answers"]) == (0, words)
+    assert "hub" in fine
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        (
+            lambda d: setattr(d.hub, "is_old", True),
+            "it refuses command 0x11 as bad: is its firmware too old? Update it",
+        ),
+        (lambda d: None, "no answer; "),
+    ],
+)
+def test_a_hub_that_obeys_no_command_and_sends_none(found, devices, trouble, words):
+    trouble(devices)
+    devices.hub.advance = lambda now: b""
+    devices.hub.receive = lambda data, now: b"".join(map(devices.hub.obey, devices.hub._line.receive(data)))
+    if words == "no answer; ":
+        devices.silent.add("proximity")
+    assert found()[2]["proximity"].startswith(words)
 
 
 def test_names_that_others_may_have(found, monkeypatch):

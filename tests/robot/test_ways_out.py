@@ -363,3 +363,10 @@ def test_the_battery_is_asked_after(robot):
     robot.run(GO, "--duration", "5")
     check(robot, 0, "The duration is over")
     assert asked(robot.devices) == pytest.approx(5.0 / QUERY_EVERY, abs=1)
+
+
+def test_a_hub_that_refuses_commands_and_sends_distances(robot):
+    robot.devices.hub.is_old = True
+    robot.run(ALL, "--duration", "0.5")
+    error = check(robot, 0, "The duration is over")
+    assert "Warning: proximity: it refuses command 0x52 as bad: is its firmware too old? Update it\n" in error

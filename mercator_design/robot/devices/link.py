@@ -30,13 +30,14 @@ _NEVER_HEARD: Mapping[DeviceName, str] = {
     "off and on)? Does the UART work (run `mercator-robot check` with TX and RX joined in place of the RVR)?",
     "lidar": "has it power (5 V, 1 A, and more while its motor starts)? Is it an X4, which sends at 128000 baud?",
     "proximity": "is this the hub's port (`mercator-robot install` gives it a name that stays), and are all sensors "
-    "plugged in?",
+    "plugged in? Unplug the hub and plug it in again",
 }
 _HEARD_BEFORE: Mapping[DeviceName, str] = {
     "rvr": "it was heard before: has it still power, is a wire loose, or is this computer too busy?",
-    "lidar": "it was heard before: has it power (5 V, 1 A, and more while its motor starts), does its motor turn, is a "
-    "cable loose, or is this computer too busy?",
-    "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy?",
+    "lidar": "it was heard before: has it power (5 V, 1 A, and more while its motor starts), does its motor turn, not "
+    "too slowly, is a cable loose, or is this computer too busy?",
+    "proximity": "it was heard before: are all sensors plugged in, is its cable loose, or is this computer too busy? "
+    "Unplug the hub and plug it in again",
 }
 _DAMAGED_LINE: Mapping[DeviceName, str] = {
     "rvr": "is its cable loose, too long, or beside one of a motor, and is this computer's UART at 115200 baud "

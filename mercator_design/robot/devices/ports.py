@@ -35,6 +35,9 @@ _OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
 _NUMBER = re.compile(r"\d+$")
 TIMEOUT = 0.1
 """[s] after which reading and writing give up."""
+_LOST = (
+    "was it unplugged, or did its power fail, as on a supply that motors share? `sudo dmesg` has the kernel's reason"
+)
 _RETRY = 0.05  # [s] between attempts to open a port
 
 
@@ -164,7 +167,7 @@ def _open(device: DeviceName, name: str) -> serial.Serial:
         words = f"{error}; take its plug out and in: is it the {device}'s adapter?"
         raise RobotError(f"{path}: {words}", device=device) from None
     except termios.error as error:
-        raise RobotError(f"{path} is lost: {error.args[-1]}", device=device) from None
+        raise RobotError(f"{path} is lost: {error.args[-1]}; {_LOST}", device=device) from None
     if users := _users(path):
         port.close()
         raise RobotError(f"{path}: {_in_use(users)}", device=device)
@@ -288,4 +291,4 @@ class Line:
         try:
             yield
         except OSError as error:
-            raise RobotStopped(f"{self.port} is lost: {error}", device=self.device) from None
+            raise RobotStopped(f"{self.port} is lost: {error}; {_LOST}", device=self.device) from None

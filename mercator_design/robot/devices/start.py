@@ -9,13 +9,14 @@ from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import ANSWER_WAIT, Link
 from mercator_design.robot.protocols import multiflex
-from mercator_design.robot.protocols.multiflex import Acknowledgement
+from mercator_design.robot.protocols.multiflex import Acknowledgement, Distances
 from mercator_design.robot.protocols.rvr import Notification
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.ydlidar import MODEL, DeviceInfo, Health, Packet, ScanStarted, encode_command
 
 _ERROR = 2  # health of a lidar
 _TRIES = 5  # to get the same answer twice from a lidar
+_DISTANCES_WAIT = 0.5  # [s] for distances of the hub, which come 6 times a second
 _STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
 WAKE_WAIT = 2.0  # [s] for the RVR to wake up
@@ -176,16 +177,28 @@ def stop_lidar(link: Link) -> None:
     link.lines["lidar"].set_dtr(high=False)
 
 
-def start_hub(link: Link) -> None:
-    """Start the hub's output of the distances of all sensors.
+def start_hub(link: Link) -> str:
+    """Start the hub's output of the distances of all sensors; return what is unusual, if it sends them nevertheless.
 
     Raises:
-        RobotError: if it does not answer, or refuses.
+        RobotError: if it does not answer, or refuses, and sends no distances.
     """
+    doubt = ""
     for command in (multiflex.BINARY_MODE, multiflex.use_sensors(0xFF)):
         acknowledges = partial(lambda code, event: event.code == code, command.code)
-        if not link.exchange("proximity", command.encode, Acknowledgement, acknowledges).ok:
-            raise RobotError(f"command {command.code:#x} was refused", device="proximity")
+        try:
+            if link.exchange("proximity", command.encode, Acknowledgement, acknowledges).ok:
+                continue
+            doubt = f"it refuses command {command.code:#04x} as bad: is its firmware too old? Update it"
+            failure = RobotError(doubt, device="proximity")
+        except RobotStopped:
+            raise
+        except RobotError as error:
+            doubt = f"it does not acknowledge command {command.code:#04x}: is its firmware too old?"
+            failure = error
+        if link.wait_for(Distances, lambda _: True, _DISTANCES_WAIT) is None:
+            raise failure
+    return doubt
 
 
 def end_streaming(link: Link) -> None:

@@ -218,8 +218,8 @@ class Mercator:
             lidar = start_lidar(link)
             self.facts |= lidar.words()
             self._doubts += [f"lidar: {doubt}" for doubt in lidar.doubts().values()]
-        if "proximity" in link.lines:
-            start_hub(link)
+        if "proximity" in link.lines and (doubt := start_hub(link)):
+            self._doubts.append(f"proximity: {doubt}")
         self._await_samples()
 
     def sense_anew(self) -> None:

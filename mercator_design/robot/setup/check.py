@@ -81,7 +81,8 @@ def _of_motors(heat: Mapping[str, Any]) -> RobotFinding:
 
 
 def _check_hub(settings: Settings, link: Link) -> Iterator[RobotFinding]:
-    start_hub(link)
+    if doubt := start_hub(link):
+        yield RobotFinding("hub's answers", is_fine=True, words=doubt, is_unclear=True)
     link.discard()
     before = link.counts()["proximity"]
     heard = link.poll(time.monotonic() + DURATION)

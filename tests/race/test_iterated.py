@@ -243,6 +243,21 @@ def test_what_is_left_is_spent_on_a_postselection():
     assert without.used < with_it.used <= 311
 
 
+@pytest.mark.parametrize(("share", "kept"), [(0.05, 25), (0.2, 100)])
+def test_a_share_of_the_budget_is_kept_for_a_postselection(share, kept):
+    """Also of a budget that is extended."""
+    race = IteratedRace(MIXED, budget=500, seed=1, options=RaceOptions(postselection=share))
+    for budget, before in ((500, 0), (1000, 500)):
+        if before:
+            race.extend(budget)
+        run(race)
+        last = race.iterations[-1]
+        assert last.postselection
+        assert last.budget >= kept * budget // 500
+        assert before < race.used - last.used <= budget - kept * budget // 500
+        assert race.used <= budget
+
+
 def test_a_narrow_model_is_restarted():
     """Two values cannot be told apart for long."""
     space = Space([categorical("a", [1, 2]), categorical("b", [1, 2])])

@@ -105,7 +105,10 @@ def test_a_space_without_choice_is_refused():
         ({"block_size": 0}, "block_size: expected 1 or more"),
         ({"n_configurations": 0}, "n_configurations: expected 1 or more"),
         ({"experiments_per_iteration": 0}, "experiments_per_iteration: expected 1 or more"),
-        ({"instances": 4}, "instances: expected 5 or more, for the first test, .* found 4"),
+        (
+            {"instances": 4},
+            "instances: expected 5 or more, for the first test, found 4; add instances, or set first_test",
+        ),
         ({"instances": 14, "block_size": 3, "mu": 6}, "a multiple of block_size .3., found 14"),
         ({"instances": 10, "elitist": False}, "instances: expected none if elitist is off, found 10"),
         ({"soft_restart_threshold": -1.0}, "soft_restart_threshold: expected 0 or more"),

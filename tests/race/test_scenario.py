@@ -1,6 +1,7 @@
 """What the options of irace's scenario.txt come to; that none of them is passed over in silence."""
 
 import os
+import shlex
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from mercator_design.race import RaceOptions
 from mercator_design.race.irace.scenario import read_scenario
 from mercator_design.race.irace.scenario_options import OPTIONS
 from mercator_design.race.irace.scenario_text import Assignment
+from mercator_design.race.irace.target_runner import RunnerCall
 
 SPACE = 'x "--x " r (0, 1)\nrule "--rule " c (slow, fast)\n'
 
@@ -144,6 +146,45 @@ def test_instances(scenario, folder, text, expected):
     assert scenario(text, needed="maxExperiments = 500\n").instances == tuple(one.format(folder) for one in expected)
 
 
+ODD = ("a b", "it's", 'say "hi"', "back\\slash", "(1)")
+
+
+@pytest.mark.parametrize("kind", ["train", "test"])
+def test_a_path_from_a_folder_is_one_argument(scenario, folder, kind):
+    (folder / "my data").mkdir()
+    for name in ODD:
+        (folder / "my data" / name).write_text("")
+    one = scenario(
+        f'{kind}InstancesDir = "my data"', needed="maxExperiments = 500\n" + 'instances = "i"\n' * (kind == "test")
+    )
+    listed = one.instances if kind == "train" else one.test_instances
+    calls = [RunnerCall(configuration=0, instance_id="1", seed=2, instance=each, arguments="--x 1") for each in listed]
+    paths = sorted(str(folder / "my data" / name) for name in ODD)
+    assert [one.target.command(call)[1:] for call in calls] == [["0", "1", "2", path, "--x", "1"] for path in paths]
+    assert [one.target.evaluation(call, [0])[1:] for call in calls] == [
+        ["0", "1", "2", path, "1", "0"] for path in paths
+    ]
+    (folder / "list.txt").write_text("'a b' --size 3\n(1)\n")
+    lines = scenario(
+        'trainInstancesFile = "list.txt"\ntrainInstancesDir = "my data"', needed="maxExperiments = 500\n"
+    ).instances
+    assert [shlex.split(line) for line in lines] == [
+        [f"{folder}/my data/a b", "--size", "3"],
+        [f"{folder}/my data/(1)"],
+    ]
+
+
+def test_a_share_of_the_budget_for_postselection(scenario, folder):
+    one = scenario("postselection = 0.05")
+    assert one.options.postselection == 0.05
+    assert one.notes == (
+        f"{folder / 'scenario.txt'}:3: postselection: 0.05 of the budget is kept for the race among the best of all "
+        "iterations, as in irace 3; irace 4 takes it for 0",
+    )
+    assert [scenario(f"postselection = {flag}").options.postselection for flag in (0, 1, "TRUE")] == [False, True, True]
+    assert scenario("postselection = 0.05\nelitist = 0").options.kept(500) == 0
+
+
 def test_test_instances_and_initial_configurations(scenario):
     one = scenario(
         'testInstancesFile = "list.txt"\ntestNbElites = 2\ntestIterationElites = 1\nconfigurationsFile = "start.txt"'
@@ -197,7 +238,11 @@ def test_all_of_irace_s_options_are_known():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("deterministic = 1", ":3: deterministic: expected 5 or more, for the first test, "),
+        (
+            "deterministic = 1",
+            ":3: deterministic: expected 5 or more, for the first test, found 2; add instances, or set firstTest",
+        ),
+        ("postselection = 1.5", ":3: postselection: expected 0, 1 or a share of the budget, found 1.5"),
         ("maxExperiment = 5", ":3: expected an option of irace, found maxExperiment; did you mean maxExperiments?"),
         ("parametersFile = 'x'", "did you mean parameterFile?"),
         ("wholly = 5", "begin the name of your own variable with a dot"),

@@ -38,7 +38,8 @@ class RaceOptions:
             of new instances is that of their numbers.
         soft_restart: Widen the elites' distributions when they have become too narrow to sample anything new.
         soft_restart_threshold: Part of a domain's width below which values are the same to a soft restart.
-        postselection: Spend the remaining budget on a race among the best of all iterations.
+        postselection: Spend the remaining budget on a race among the best of all iterations. A number between 0 and 1
+            is the share of the whole budget that is kept for it.
 
     Raises:
         RaceError: An option is out of range.
@@ -61,7 +62,7 @@ class RaceOptions:
     sample_instances: bool = True
     soft_restart: bool = True
     soft_restart_threshold: float = 1e-4
-    postselection: bool = True
+    postselection: float = True
 
     def __post_init__(self) -> None:
         self._require("test", " or ".join(get_args(TestName)), self.test in get_args(TestName))
@@ -88,13 +89,16 @@ class RaceOptions:
         self._require("mu", f"0 or more and {whole_blocks}", self.mu >= 0 and (even or self.mu < first))
         for name in ("elitist_new_instances", "elitist_limit", "soft_restart_threshold"):
             self._require(name, "0 or more", getattr(self, name) >= 0)
-        enough = self.instances is None or (self.instances >= first and self.instances % self.block_size == 0)
-        self._require("instances", f"{first} or more, for the first test, and {whole_blocks}", enough)
+        self._require("postselection", "0 to 1", 0 <= self.postselection <= 1)
+        total = self.instances
+        self._require("instances", whole_blocks, total is None or total % self.block_size == 0)
+        hint = "; add instances, or set first_test"
+        self._require("instances", f"{first} or more, for the first test", total is None or total >= first, hint)
         self._require("instances", "none if elitist is off", self.elitist or self.instances is None)
 
-    def _require(self, name: str, expected: str, is_valid: bool) -> None:
+    def _require(self, name: str, expected: str, is_valid: bool, hint: str = "") -> None:
         if not is_valid:
-            raise RaceError(f"race option {name}: expected {expected}, found {getattr(self, name)}")
+            raise RaceError(f"race option {name}: expected {expected}, found {getattr(self, name)}{hint}")
 
     @property
     def planned_mu(self) -> int:
@@ -110,6 +114,10 @@ class RaceOptions:
     def new_instances(self) -> int:
         """New instances that a later elitist race begins with."""
         return self.elitist_new_instances * self.block_size
+
+    def kept(self, budget: int) -> int:
+        """How much of a budget iterations leave to the race among the best of all, if they do not end earlier."""
+        return round(self.postselection % 1 * budget) if self.elitist else 0
 
     def minimum_budget(self, n_variable: int, iterations: int | None = None) -> int:
         """The smallest budget for some iterations; by default for all, which irace requires."""

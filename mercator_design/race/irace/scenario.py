@@ -5,6 +5,7 @@ Paths in the file are relative to the file; paths on the command line are relati
 
 import math
 import os
+import shlex
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -167,9 +168,9 @@ class _ScenarioReader:
             return "0"
         figure = _figure(value)
         valid = isinstance(value, str)
-        if option.kind in {"flag", "count", "part"}:
-            largest = MAX_INTEGER if option.kind == "count" else 1
-            valid = figure is not None and 0 <= figure <= largest and (option.kind == "part" or figure == int(figure))
+        if option.kind in {"flag", "count", "part", "share"}:
+            largest, is_whole = MAX_INTEGER if option.kind == "count" else 1, option.kind in {"flag", "count"}
+            valid = figure is not None and 0 <= figure <= largest and not (is_whole and figure != int(figure))
         if not valid:
             raise self.wrong(name, EXPECTED[option.kind], excerpt(repr(given)))
         match option.kind:
@@ -181,6 +182,8 @@ class _ScenarioReader:
                 return int(figure or 0)
             case "part":
                 return figure
+            case "share":
+                return bool(figure) if figure in (0, 1) else figure
         return value
 
     def count(self, name: str) -> int:
@@ -199,6 +202,11 @@ class _ScenarioReader:
                 changes[option.ours] = None if value == option.default == 0 else value
         if self.value("deterministic"):
             changes["instances"] = n_instances
+        if not isinstance(share := self.value("postselection"), bool) and self.value("elitist"):
+            kept = f"{share} of the budget is kept for the race among the best of all iterations"
+            self.notes.append(
+                f"{self.place('postselection')}: postselection: {kept}, as in irace 3; irace 4 takes it for 0"
+            )
         if "eachTest" in self.found and "firstTest" not in self.found and (each := self.count("eachTest")):
             changes["first_test"] = first = math.ceil(usual.first_test / each) * each
             if first != usual.first_test:
@@ -247,7 +255,7 @@ class _ScenarioReader:
             lines = [line for whole in read_text(file).splitlines() if (line := whole.partition("#")[0].strip())]
             if not lines:
                 raise RaceError(f"{file}: expected an instance a line, found none")
-            return tuple(line if folder is None else f"{folder}/{line}" for line in lines)
+            return tuple(line if folder is None else f"{_one_word(str(folder))}/{line}" for line in lines)
         if folder is None:
             return ()
         within = Path(str(folder))
@@ -260,7 +268,7 @@ class _ScenarioReader:
         )
         if not found:
             raise self.wrong(f"{files}Dir", f"files in {folder}", "none")
-        return tuple(found)
+        return tuple(map(_one_word, found))
 
     def instance(self, name: str, given: object) -> str:
         if isinstance(given, str):
@@ -316,6 +324,15 @@ class _ScenarioReader:
         if not file.is_file():
             raise self.wrong(name, "a file", f"{'a folder' if file.is_dir() else 'none'} at {file}")
         return file
+
+
+def _one_word(path: str) -> str:
+    """A path as one argument of a program, in quotes if need be: instances may have several arguments."""
+    try:
+        is_one = shlex.split(path) == [path]
+    except ValueError:  # a quote
+        is_one = False
+    return path if is_one else shlex.quote(path)
 
 
 def _figure(value: Setting) -> float | None:

@@ -17,7 +17,7 @@ _IS_R = "R cannot be run here"
 _NO_CAPPING = "capping is not supported: leave it out, or run irace itself"
 _ONE_RUNNER = "use targetRunner, a program, and parallel, the number of programs that run at the same time"
 
-Kind = Literal["flag", "count", "part", "text", "path", "object"]
+Kind = Literal["flag", "count", "part", "share", "text", "path", "object"]
 
 
 class Option(NamedTuple):
@@ -86,7 +86,7 @@ OPTIONS: Mapping[str, Option] = {
     "boundDigits": Option("count", 0, refused=_NO_CAPPING),
     "boundPar": Option("count", 1, refused=_NO_CAPPING),
     "boundAsTimeout": Option("flag", True, refused=_NO_CAPPING),
-    "postselection": Option("flag", True, ours="postselection"),
+    "postselection": Option("share", True, ours="postselection"),
     "aclib": Option("flag", False, refused="let targetRunner be a program that prints the cost alone"),
     "nbIterations": Option("count", 0, ours="iterations"),
     "nbExperimentsPerIteration": Option("count", 0, ours="experiments_per_iteration"),
@@ -113,6 +113,7 @@ EXPECTED: Mapping[Kind, str] = {
     "flag": "0 or 1",
     "count": f"a whole number, 0 to {MAX_INTEGER}",
     "part": "a number from 0 to 1",
+    "share": "0, 1 or a share of the budget",
     "text": "text in quotes",
     "path": "a path in quotes",
     "object": "texts, as c(...)",

@@ -50,7 +50,7 @@ class IteratedRace(Optimizer):
     ) -> None:
         super().__init__(space, budget=budget, seed=seed)
         self.options = options or RaceOptions()
-        self._planner = Planner(self.options, space.n_variable, self.budget)
+        self._planner = Planner(self.options, space.n_variable, self._left_to_iterate)
         if self._planner.note is not None:
             self.notes.append(self._planner.note)
         self._initial = self._checked(initial)
@@ -64,6 +64,11 @@ class IteratedRace(Optimizer):
     def _left(self) -> int:
         """The remaining budget."""
         return self.budget - self.used
+
+    @property
+    def _left_to_iterate(self) -> int:
+        """The remaining budget, without what is kept for the race among the best."""
+        return self._left - self.options.kept(self.budget)
 
     @property
     def progress(self) -> Progress:
@@ -103,7 +108,7 @@ class IteratedRace(Optimizer):
             RaceError: The race has not ended yet, or the budget is no larger.
         """
         super().extend(budget)
-        self._planner.extend(self._left, self.iteration)
+        self._planner.extend(self._left_to_iterate, self.iteration)
         self._model.initialise(self.history.elite_configurations)
 
     def _run(self) -> Batches:
@@ -121,7 +126,8 @@ class IteratedRace(Optimizer):
 
     def _next(self) -> IterationPlan | str:
         """Plan the next iteration, or return why there is none."""
-        return self._planner.next(self.iteration + 1, left=self._left, n_elites=len(self.elites), n_seen=self._n_seen)
+        left, n_elites = self._left_to_iterate, len(self.elites)
+        return self._planner.next(self.iteration + 1, left=left, n_elites=n_elites, n_seen=self._n_seen)
 
     def _first_race(self, budget: int, n: int) -> Batches:
         initial = self._initial[:n]
@@ -199,7 +205,7 @@ class IteratedRace(Optimizer):
             rules=self.options.rules(),
             survivors=self._planner.survivors,
             planned_budget=budget,
-            max_experiments=self._left,
+            max_experiments=self._left_to_iterate,
             max_instances=self.options.instances,
         )
 

@@ -16,16 +16,7 @@ import yaml
 
 from mercator_design.config import schema
 from mercator_design.config.building import NodePath, build, message
-from mercator_design.config.schema import (  # noqa: F401 - plugins of older runs import these from here
-    FieldError,
-    FilePath,
-    Kind,
-    Length,
-    NonNegative,
-    Pattern,
-    Positive,
-    Range,
-)
+from mercator_design.config.schema import Kind
 from mercator_design.config.writing import Dumper, plain
 from mercator_design.config.yaml_tree import (
     MAX_MISTAKES,

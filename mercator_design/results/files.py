@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +11,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, Range
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, excerpt
-from mercator_design.race import RaceOptions, Space
+from mercator_design.race import Space
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.session.journal import Reading
@@ -34,16 +33,6 @@ _START: Mapping[str, Kind] = {
     "budget": Annotated[int, Range(1)],
     "seed": Annotated[int, Range(0)],
 }
-_FORMER_OPTIONS: Mapping[str, float] = {
-    "surrogate": 0.0,
-    "structure": 0.0,
-    "simple": 0.0,
-    "repeated": True,
-    "ordered_as_integers": False,
-    "means_scale": False,
-    "confirmation": 0.0,
-}
-"""Options that irace's races had in other versions, with their values there."""
 
 
 class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
@@ -74,14 +63,7 @@ def restored(path: Path) -> Task[Any]:
         MissionError: if its mission, robot model or plugins cannot be read.
     """
     task, start = task_of(path), read_provenance(path).race
-    here = task.start()
-    recorded = start.get("options")
-    if isinstance(recorded, Mapping):  # an option that did not exist yet, or no longer does, was as irace's
-        usual = {name: value for name, value in asdict(RaceOptions()).items() if name in here["options"]}
-        former = {name: value for name, value in _FORMER_OPTIONS.items() if name not in here["options"]}
-        kept = {name: one for name, one in recorded.items() if name not in former or not is_same(one, former[name])}
-        start = {**start, "options": usual | kept}
-    raced, now = _flat(start), _flat(here)
+    raced, now = _flat(start), _flat(task.start())
     for key in {**now, **raced}:
         # Another version may give the same results.
         if key != "mercator_design" and not is_same(now.get(key), raced.get(key)):

@@ -24,7 +24,6 @@ from mercator_design.sim.simulate import Simulator
 Pose: TypeAlias = tuple[float, float, float]
 """x, y [m] and heading [rad]."""
 
-_PERIOD = 0.1  # [s] of the control cycle in logs of older versions
 _NEAR = 0.4  # [m] from where a robot measures a neighbour to where its odometry says that it is
 _ASIDE = 1.5  # [m] between robots whose starting poses are not known
 
@@ -144,9 +143,8 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
             warn(f"{path}: {NO_END}")
     if not cycles:
         raise RobotError(f"{path}: expected control cycles, found none")
-    period = _PERIOD if start.control_period is None else start.control_period
-    check_extent(path.name, len(cycles), 1, period)
-    return _RobotLog(start.robot, pfsm, period, cycles)
+    check_extent(path.name, len(cycles), 1, start.control_period)
+    return _RobotLog(start.robot, pfsm, start.control_period, cycles)
 
 
 def _odometry(event: CycleDone, before: Sequence[_Cycle]) -> Pose:

@@ -43,7 +43,7 @@ SHRINK = """
 from typing import Annotated
 
 from mercator_design.jit import jittable
-from mercator_design.config.loading import Positive
+from mercator_design.config.schema import Positive
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Zone, dynamic
 

@@ -13,11 +13,10 @@ def events_in(data):
 
 
 def journal_of(events):
-    """The bytes of a journal with these events, as someone writes it who knows how; of format 1, not chained."""
+    """The bytes of a journal with these events, as someone writes it who knows how."""
     lines, last = [], "0" * 8
-    chained = not events or events[0].get("format") != 1
     for event in events:
-        lines.append(line_of(event | ({"after": last} if chained else {})))
+        lines.append(line_of(event | {"after": last}))
         last = checksum(lines[-1])
     return "".join(lines).encode()
 

@@ -46,7 +46,8 @@ def log(tmp_path):
     draw = random.Random(5)
     controller = Controller(parse(FSM))
     with Log(tmp_path / "log.jsonl") as log:
-        log.begin(RunStarted(robot="mercator", fsm=FSM, flavour="watermelon", reference_model=ReferenceModel()))
+        start = {"flavour": "watermelon", "control_period": 0.1, "reference_model": ReferenceModel()}
+        log.begin(RunStarted(robot="mercator", fsm=FSM, **start))
         for cycle in range(CYCLES):
             obstacles, robots = [draw.uniform(-1, 1) for _ in range(2)], draw.choice([0.0, 1.0, 2.0])
             pull, ground = [draw.uniform(-2, 2) for _ in range(2)], draw.choice([*COLOURS.values()])
@@ -63,8 +64,10 @@ def log(tmp_path):
                 draws=draws,
                 wheels=wheels,
                 cpu=0.001,
+                program_cpu=0.001,
                 neighbours=(),
                 sensed={},
+                lines={},
             )
             log.note(event)
     return tmp_path / "log.jsonl"
@@ -207,8 +210,8 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         ),
         (
             3,
-            {"lines": {"rvr": [1.0] * 5}},
-            "cycle.lines: expected a mapping of keys with lists of numbers (rvr: 4",
+            {"lines": {"rvr": [1.0] * 4}},
+            "cycle.lines: expected a mapping of keys with lists of numbers (rvr: 8, ",
         ),
         (CYCLES + 2, {"why": None}, "end.why: expected text, found null"),
     ],

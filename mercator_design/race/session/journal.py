@@ -5,8 +5,7 @@ checksum of the line before ("after"). So a missing, changed, duplicate or mispl
 protect against editing: an editor can compute them again. After that, duplicate lines are still found (except sessions
 and stops), and so are missing configurations, iterations, and experiments of ended iterations, because their numbers
 have no gaps. Not found are changed scores (except by the digest of a race that has ended) and missing lines of tests,
-of speculative experiments, of experiments of the last iteration, and of the end: these are run again. Lines of format 1
-have no "after"; such a journal is read and continued in its format, and may have duplicates. Events:
+of speculative experiments, of experiments of the last iteration, and of the end: these are run again. Events:
 
     start          all that determines the race: digests of its inputs, seed, budget, options
     session        a process has begun to work on the race: its number, host, time, executor
@@ -117,17 +116,16 @@ def _advice(lines: int) -> str:
 
 def _take(record: Record, data: dict[str, Any], before: str) -> list[Event]:
     """Add the event of a line, and return it unless it is the start."""
-    is_start = data.get("event") == "start"
-    if (data if is_start else record.start).get("format") != 1:
-        after = data.pop("after", None)
-        if after != before:
-            raise RaceError(
-                f"expected a line that was written after one with the checksum {before}, found {excerpt(str(after))}: "
-                "lines are missing, were added, or are out of order"
-            )
-    if is_start:
+    after, is_start = data.pop("after", None), data.get("event") == "start"
+    if is_start:  # before its "after", which other formats may lack
         del data["event"]
         record.begin(data)
+    if after != before:
+        raise RaceError(
+            f"expected a line that was written after one with the checksum {before}, found {excerpt(str(after))}: "
+            "lines are missing, were added, or are out of order"
+        )
+    if is_start:
         return []
     event = event_of(data)
     record.note(event)
@@ -218,11 +216,9 @@ class Journal:
         self._synced = time.monotonic()
 
     def _append(self, *lines: dict[str, Any]) -> None:
-        is_chained, last, texts = self.record.start["format"] != 1, self._last, []
+        last, texts = self._last, []
         for line in lines:
-            if is_chained:
-                line["after"] = last
-            texts.append(to_line(line))
+            texts.append(to_line({**line, "after": last}))
             last = checksum(texts[-1])
         data = "".join(texts).encode()
         try:

@@ -36,8 +36,6 @@ K = TypeVar("K")
 V = TypeVar("V")
 
 FORMAT = 2
-FORMATS = (1, 2)
-"""Formats that can be read; lines of format 1 are not chained."""
 
 
 @dataclass(slots=True)
@@ -161,10 +159,9 @@ class Record:
         if self.start:
             raise RaceError("expected one start, found a second start")
         start = {"format": FORMAT, **start}
-        if from_json(start["format"], int, error=RaceError, path="start.format") not in FORMATS:
+        if (found := from_json(start["format"], int, error=RaceError, path="start.format")) != FORMAT:
             raise RaceError(
-                f"start.format: expected one of {', '.join(map(str, FORMATS))}, found {start['format']}: "
-                "use the version of this program that wrote it"
+                f"start.format: expected {FORMAT}, found {found}: use the version of this program that wrote it"
             )
         budget = from_json(start.get("budget"), Annotated[int, Range(1)], error=RaceError, path="start.budget")
         self.start = from_json(start, Mapping[str, object], error=RaceError, path="start")
@@ -222,25 +219,21 @@ class Record:
             case _:
                 assert_never(event)
 
-    @property
-    def _is_strict(self) -> bool:
-        """Whether to refuse duplicates and gaps of numbers; earlier versions could write them."""
-        return bool(self.start["format"] != 1)
-
-    def _enter(self, known: dict[K, V], key: K, value: V, what: str) -> None:
+    @staticmethod
+    def _enter(known: dict[K, V], key: K, value: V, what: str) -> None:
         """Add an entry that may exist only once.
 
         Raises:
             RaceError: It exists.
         """
-        if key in known and (self._is_strict or known[key] != value):
+        if key in known:
             raise RaceError(f"{what} is there twice")
-        known.setdefault(key, value)
+        known[key] = value
 
     def _take_experiment(self, event: ExperimentDone) -> None:
         self._check_result(event)
         iteration = len(self.iterations) + 1
-        if self._is_strict and event.iteration != iteration:
+        if event.iteration != iteration:
             raise RaceError(
                 f"experiment.iteration: expected {iteration}, as {iteration - 1} have ended before, found "
                 f"{event.iteration}"
@@ -253,7 +246,7 @@ class Record:
         number = event.configuration
         if event.parent is not None:
             self._check_known(event.parent, f"configuration {number}: its parent")
-        if self._is_strict and number > len(self.configurations):
+        if number > len(self.configurations):
             raise RaceError(
                 f"configuration: expected number {len(self.configurations)}, as so many are before it, found {number}"
             )
@@ -265,11 +258,11 @@ class Record:
     def _take_iteration(self, event: IterationEnded) -> None:
         self._check_scored("an elite", *event.elites)
         number = len(self.iterations) + 1
-        if self._is_strict and event.iteration != number:
+        if event.iteration != number:
             raise RaceError(
                 f"iteration: expected number {number}, as {number - 1} have ended before, found {event.iteration}"
             )
-        if self._is_strict and event.used != (used := self._count() - self._n_concluded):
+        if event.used != (used := self._count() - self._n_concluded):
             raise RaceError(f"iteration.used: expected {used}, as so many experiments are in it, found {event.used}")
         self._enter(self.iterations, event.iteration, event, f"iteration {event.iteration}")
 
@@ -298,7 +291,7 @@ class Record:
             raise RaceError(f"end.budget: expected {self.budgets[len(self.ends)]}, found {event.budget}")
         if event.experiments != (n := self._count()):
             raise RaceError(f"end.experiments: expected {n}, as there are before it, found {event.experiments}")
-        if self._is_strict and n != self._n_concluded:
+        if n != self._n_concluded:
             raise RaceError(
                 f"end: expected all {n} experiments to be of iterations that have ended, found {self._n_concluded}"
             )

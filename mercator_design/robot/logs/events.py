@@ -25,7 +25,6 @@ LINES: Mapping[str, tuple[str, ...]] = {
 """The numbers of each device's line: the share that arrived whole in the last seconds, all bytes so far, those outside
 of valid frames, frame starts among these; of the lidar, readings of the last turn; of the RVR, the share of commands
 that it answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
-_MIN_OF_RVR = 4  # numbers of its line in logs of older versions, which do not count answers
 _YEARS = range(1970, 2100)
 
 
@@ -83,7 +82,7 @@ SensedValues = Annotated[
 """The age of the latest sample [s], then its values, by sensor."""
 LineValues = Annotated[
     Mapping[str, tuple[Amount, ...]],
-    _lengths({name: [len(each)] if name != "rvr" else [_MIN_OF_RVR, len(each)] for name, each in LINES.items()}),
+    _lengths({name: [len(each)] for name, each in LINES.items()}),
 ]
 """The numbers of LINES, by device."""
 
@@ -118,7 +117,7 @@ class RunStarted:
     duration: float | None = None  # [s]
     dry_run: bool = False
     without: tuple[str, ...] = ()  # devices
-    control_period: Number | None = None  # [s]
+    control_period: Number  # [s]
     control_software: str = ""  # its digest
     reference_model: ReferenceModel
     facts: Mapping[str, object] | None = None
@@ -151,10 +150,10 @@ class CycleDone:
     draws: Annotated[tuple[Draw, ...], Length(DRAWS, DRAWS)]
     wheels: tuple[Number | None, Number | None]  # None: not finite
     cpu: Number  # [s]
-    program_cpu: Number | None = None  # [s]
+    program_cpu: Number  # [s]
     neighbours: Pairs  # distance [m], bearing [rad]
     sensed: SensedValues
-    lines: LineValues | None = None
+    lines: LineValues
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

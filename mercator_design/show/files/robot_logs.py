@@ -323,7 +323,7 @@ def _sensed(event: CycleDone) -> dict[str, dict[str, float | None]]:
 
 def _lines(event: CycleDone) -> dict[str, dict[str, float]]:
     """The numbers of each device's line, by name."""
-    return {name: dict(zip(LINES[name], each, strict=False)) for name, each in (event.lines or {}).items()}
+    return {name: dict(zip(LINES[name], each, strict=True)) for name, each in event.lines.items()}
 
 
 def _named(sensor: str, values: Sequence[float | None]) -> dict[str, float | None]:

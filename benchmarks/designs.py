@@ -13,11 +13,10 @@ import numpy as np
 
 from mercator_design.api import evaluate, fresh_instances
 from mercator_design.config import shipped
-from mercator_design.designer import Designer
+from mercator_design.designer import Designer, flavour_space
 from mercator_design.fsm import Pfsm, parse
-from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.race import parse_space
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session.runner import RaceRun
@@ -32,7 +31,7 @@ HAND_MADE = {
 
 def random_pfsms(n: int, seed: int) -> list[Pfsm]:
     """PFSMs with every parameter uniform over its domain."""
-    space = parse_space(parameters_text("watermelon"), "grammar")
+    space = flavour_space("watermelon")
     draws = generator(seed, "random PFSMs")
     configurations = [space.build(lambda p, bounds: p.quantile(draws.random(), bounds)) for _ in range(n)]
     return [to_pfsm(configuration, "watermelon") for configuration in configurations]

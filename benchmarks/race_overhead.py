@@ -26,10 +26,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 from unittest.mock import patch
 
-from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.designer import flavour_space
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import Configuration, Experiment, parse_space
+from mercator_design.race import Configuration, Experiment
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import Executor, Failed
 from mercator_design.race.executors.processes import ProcessExecutor
@@ -62,7 +62,7 @@ class Free(Problem[tuple[int, int]]):
     function = staticmethod(free)
 
     def __init__(self, budget: int, method: str) -> None:
-        space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+        space = flavour_space("watermelon", PfsmStructure("watermelon"))
         self.optimizer = METHODS[method](space, budget=budget, seed=1)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[int, int]:  # noqa: ARG002

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Self, TypeVar
 
 from mercator_design import seeds
-from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.designer import flavour_space
 from mercator_design.fsm.space.structure import PfsmStructure
-from mercator_design.race import Configuration, Experiment, parse_space
+from mercator_design.race import Configuration, Experiment
 from mercator_design.race.executors.executor import Failed
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.session.events import Measurement
@@ -24,7 +24,7 @@ class Drawn(Problem[int]):
     predicts = False  # the clock stands still while the race proposes in another thread
 
     def __init__(self, method: str, budget: int) -> None:
-        space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+        space = flavour_space("watermelon", PfsmStructure("watermelon"))
         self.optimizer = METHODS[method](space, budget=budget, seed=1)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> int:  # noqa: ARG002

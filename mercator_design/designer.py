@@ -10,7 +10,7 @@ import pickle
 import shlex
 import socket
 from collections.abc import Callable, Generator, Mapping, Sequence
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -25,17 +25,20 @@ from mercator_design.fsm.files import fsm_file_text, read_fsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.fsm.reference import ReferenceModel
-from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import GrammarParameter, parameters_of, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.fsm.text import to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
-from mercator_design.race import Configuration, Experiment, Space, parse_space
+from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
+from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.session.task import RaceResult, Start, Task
+from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
+from mercator_design.race.space.space import Structure
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
 from mercator_design.sim.labels import robot_labels
@@ -159,7 +162,7 @@ class Designer(Task[tuple[Pfsm, int]]):
             "robot_model": self.simulator.robot_model.name,
             "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
-            "space_digest": hashlib.sha256(parameters_text(self.flavour).encode()).hexdigest()[:16],
+            "space_digest": hashlib.sha256(parameters_text(self.optimizer.space).encode()).hexdigest()[:16],
             **super().start(),
         }
 
@@ -251,7 +254,7 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     @staticmethod
     def check(start: Start, configurations: Sequence[Configuration]) -> None:
-        space = _space(start["flavour"])
+        space = flavour_space(start["flavour"])
         for configuration in configurations:
             space.check(configuration)
 
@@ -281,12 +284,22 @@ def header_of(simulator: Simulator) -> dict[str, str]:
 def mission_space(simulator: Simulator, flavour: str) -> Space:
     """All PFSMs of a flavour, for races on a mission."""
     usable, fires = (partial(one, simulator.mission, simulator.robot_model) for one in (is_of_use, can_fire))
-    space = _space(flavour)
-    structure = PfsmStructure(flavour, usable, fires)
-    return Space(space.parameters, forbidden=space.forbidden, notes=space.notes, structure=structure)
+    return flavour_space(flavour, PfsmStructure(flavour, usable, fires))
 
 
-@cache
-def _space(flavour: str) -> Space:
+def flavour_space(flavour: str, structure: Structure | None = None) -> Space:
     """All PFSMs of a flavour."""
-    return parse_space(parameters_text(flavour), "grammar")
+    return Space(map(_parameter, parameters_of(flavour)), structure=structure)
+
+
+def _parameter(one: GrammarParameter) -> Parameter:
+    condition: ValueIn | ValueAbove | None = None
+    if one.condition is not None:
+        name, wanted = one.condition
+        condition = ValueIn(name, wanted) if isinstance(wanted, tuple) else ValueAbove(name, wanted)
+    if one.values:
+        return categorical(one.name, one.values, switch=one.switch, condition=condition)
+    high = ValuePlus(*one.high) if isinstance(one.high, tuple) else one.high
+    if one.digits:
+        return real(one.name, one.low, high, digits=one.digits, switch=one.switch, condition=condition)
+    return integer(one.name, one.low, high, switch=one.switch, condition=condition)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from mercator_design.designer import mission_space
+from mercator_design.designer import flavour_space, mission_space
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import COLOUR_LABELS
-from mercator_design.fsm.space.grammar import modules_of, parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import modules_of, to_pfsm
 from mercator_design.fsm.space.simple import drawn_values, simple_machines
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.missions.mission import load_mission
-from mercator_design.race import parse_space
 from mercator_design.race.space.parameter import key_of
 from mercator_design.sim.simulate import Simulator
 
@@ -28,7 +27,7 @@ def machines_of(mission, flavour, *overrides):
 
 @pytest.mark.parametrize("flavour", ["watermelon", "chocolate"])
 def test_they_are_different_canonical_machines_of_one_or_two_states(flavour):
-    space = parse_space(parameters_text(flavour))
+    space = flavour_space(flavour)
     found = PfsmStructure(flavour).simple(np.random.default_rng(1))
     machines = [to_pfsm(one, flavour) for one in found]
     for configuration, machine in zip(found, machines, strict=True):

@@ -6,15 +6,15 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mercator_design.designer import flavour_space
 from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import from_pfsm, parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
-from mercator_design.race import parse_space
 from tests.fsm.strategies import pfsms
 
 GREEN, BLUE = (float(COLOUR_LABELS.index(name)) for name in ("green", "blue"))
-SPACE = parse_space(parameters_text("watermelon"))
+SPACE = flavour_space("watermelon")
 STRUCTURE = PfsmStructure("watermelon")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mercator_design.fsm.space.grammar import parameters_text
+from mercator_design.designer import flavour_space
 from mercator_design.race import Space, integer, parse_space
 from mercator_design.race.space.encoding import Encoding
 from tests.race.mixed import MIXED
@@ -12,7 +12,7 @@ from tests.race.spaces import machines
 SPACES = {
     "mixed": MIXED,
     "machines": machines(),
-    "watermelon": parse_space(parameters_text("watermelon")),
+    "watermelon": flavour_space("watermelon"),
     "dependent": parse_space(
         'n "" i (1, 9)\nm "" i (1, "n")\nx "" r (0, "n / m") | n > 3\ny "" i (0, "2 * m") | x > 1'
     ),

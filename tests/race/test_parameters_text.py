@@ -1,9 +1,15 @@
 import re
 
 import pytest
+from numpy.random import default_rng
 
+from mercator_design.designer import flavour_space
 from mercator_design.errors import RaceError
-from mercator_design.race import categorical, integer, ordered, parse_space, real
+from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
+from mercator_design.race.irace.parameters import parameters_text
+from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
+from tests.race.spaces import machines, uniform
 
 TEXT = """
 # an example with all that the format has
@@ -39,6 +45,46 @@ def test_the_whole_format_is_read():
         '(ants > 50) && (algorithm == "as")',
     ]
     assert space.is_forbidden({"algorithm": "as", "ants": 60})
+
+
+def test_a_space_is_written_and_read_again():
+    for space in (parse_space(TEXT), machines()):
+        again = parse_space(parameters_text(space))
+        assert (again.parameters, again.forbidden) == (space.parameters, space.forbidden)
+
+
+def test_relations_are_written_in_irace_s_language():
+    space = Space(
+        [
+            integer("n", 1, 4, switch="--n "),
+            integer("m", 1, ValuePlus("n", 2), condition=ValueAbove("n", 1)),
+            categorical("c", ["a b", "d"], condition=ValueAbove("m", 2)),
+            real("x", ValuePlus("n", -1), 9, digits=2, condition=ValueIn("c", ("a b", "d"))),
+        ]
+    )
+    assert parameters_text(space).splitlines() == [
+        'n "--n " i (1, 4)',
+        'm "" i (1, "n+2") | n > 1',
+        'c "" c ("a b", d) | as.numeric(m) > 2',
+        'x "" r ("n-1", 9) | c %in% c("a b", "d")',
+        "",
+        "[global]",
+        "digits = 2",
+    ]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_the_text_of_a_flavour_means_its_space(flavour):
+    space = flavour_space(flavour)
+    read = parse_space(parameters_text(space))
+    assert [one.domain for one in read.parameters] == [one.domain for one in space.parameters]
+    assert read.levels == space.levels
+    assert uniform(read, 300, default_rng(1)) == uniform(space, 300, default_rng(1))
+
+
+def test_different_digits_cannot_be_written():
+    with pytest.raises(RaceError, match="expected the same digits for all real parameters, found 2, 3"):
+        parameters_text(Space([real("x", 0, 1, digits=3), real("y", 0, 1, digits=2)]))
 
 
 def test_single_quotes_are_part_of_a_value():

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from mercator_design.designer import flavour_space
 from mercator_design.errors import RaceError
-from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.fsm.space.structure import PfsmStructure
-from mercator_design.race import Experiment, parse_space
+from mercator_design.race import Experiment
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.halving import Halving, HalvingOptions
@@ -86,7 +86,7 @@ def test_given_ones_run_while_others_are_sampled(jobs):
 
 @pytest.mark.parametrize("budget", [24, BUDGET])
 def test_simple_ones_are_upcoming_before_others_are_sampled(budget):
-    space = parse_space(parameters_text("watermelon"), structure=PfsmStructure("watermelon"))
+    space = flavour_space("watermelon", PfsmStructure("watermelon"))
     race = Halving(space, budget=budget, seed=1)
     upcoming = race.upcoming
     batch = race.ask()

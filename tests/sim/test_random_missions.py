@@ -13,9 +13,10 @@ import pytest
 from mercator_design.config import shipped
 from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
+from mercator_design.designer import flavour_space
 from mercator_design.errors import MissionError
 from mercator_design.fsm.pfsm import FLAVOURS
-from mercator_design.fsm.space.grammar import parameters_text, to_pfsm
+from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
     Disc,
@@ -36,7 +37,6 @@ from mercator_design.missions.placement import (
     HalfPlaneLimit,
     RectanglePlacement,
 )
-from mercator_design.race import parse_space
 from mercator_design.sim import world
 from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
@@ -66,7 +66,7 @@ shipped_robot = functools.cache(load_robot_model)
 @functools.cache
 def pfsms(flavour):
     """The space of all PFSMs of a flavour."""
-    return parse_space(parameters_text(flavour), flavour)
+    return flavour_space(flavour)
 
 
 def check(seed):

@@ -1,14 +1,13 @@
-"""The set of all PFSMs of a flavour as a space of parameters, in the language of irace's parameter files.
+"""The set of all PFSMs of a flavour as a space of parameters.
 
 This is the grammar of AutoMoDe: NumStates, then for each state its behaviour and number of transitions, for each
 transition its target and condition, and the parameters of the modules chosen. A parameter is active only where its
-module is. The target's upper bound depends on the number of states; AutoMoDe needed a patched irace for that, the
-language has had dependent bounds since.
+module is. The target's upper bound depends on the number of states.
 """
 
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from mercator_design.fsm.behaviours import BEHAVIOURS
@@ -29,6 +28,19 @@ Value = int | float | str
 
 DIGITS = 2
 """Decimals of real parameters, as AutoMoDe designs them."""
+
+
+class GrammarParameter(NamedTuple):
+    """A parameter: one of some values, or a number within bounds."""
+
+    name: str
+    switch: str  # text before the value on a command line
+    values: tuple[str, ...] = ()  # empty: a number
+    low: float = 0
+    high: float | tuple[str, int] = 0  # a number, or another parameter and what is added to it
+    digits: int = 0  # decimals of a number
+    condition: tuple[str, tuple[str, ...] | int] | None = None
+    """Another parameter, and its values, or the number that it exceeds, where this one is active; None: everywhere."""
 
 
 class _Chosen(NamedTuple):
@@ -59,23 +71,23 @@ class _StateNames(NamedTuple):
     transitions: tuple[_TransitionNames, ...]
 
 
-def parameters_text(flavour: str) -> str:
-    """The grammar of a flavour as an irace parameter file. Watermelon has 149 parameters, Chocolate 133."""
+def parameters_of(flavour: str) -> Iterator[GrammarParameter]:
+    """The grammar of a flavour. Watermelon has 149 parameters, Chocolate 133."""
     behaviours, conditions = modules_of(flavour)
-    lines = [f'NumStates "--nstates " i (1, {MAX_STATES})']
+    yield GrammarParameter("NumStates", "--nstates ", low=1, high=MAX_STATES)
     for i in range(MAX_STATES):
-        exists = f"NumStates > {i}"
-        lines.append(f'S{i} "--s{i} " c ({_numbers(behaviours)}) | {exists}')
-        lines += _module_lines(behaviours, f"{i}", f"S{i}")
-        connected = "NumStates > 1" if i == 0 else exists
-        lines.append(f'NumConnections{i} "--n{i} " i (1, {MAX_TRANSITIONS}) | {connected}')
+        exists = ("NumStates", i)
+        yield GrammarParameter(f"S{i}", f"--s{i} ", values=_numbers(behaviours), condition=exists)
+        yield from _of_modules(behaviours, f"{i}", f"S{i}")
+        connected = ("NumStates", max(i, 1))
+        number = f"NumConnections{i}"
+        yield GrammarParameter(number, f"--n{i} ", low=1, high=MAX_TRANSITIONS, condition=connected)
         for j in range(MAX_TRANSITIONS):
-            transition = f"{i}x{j}"
-            exists = f"as.numeric(NumConnections{i}) > {j}"
-            lines.append(f'N{transition} "--n{transition} " i (0, "NumStates-2") | {exists}')
-            lines.append(f'C{transition} "--c{transition} " c ({_numbers(conditions)}) | {exists}')
-            lines += _module_lines(conditions, transition, f"C{transition}")
-    return "\n".join([*lines, "", "[global]", f"digits = {DIGITS}", ""])
+            transition, exists = f"{i}x{j}", (number, j)
+            yield GrammarParameter(f"N{transition}", f"--n{transition} ", high=("NumStates", -2), condition=exists)
+            condition = f"C{transition}"
+            yield GrammarParameter(condition, f"--c{transition} ", values=_numbers(conditions), condition=exists)
+            yield from _of_modules(conditions, transition, condition)
 
 
 def module_of(parameter: str, number: str, flavour: str) -> Module:
@@ -183,12 +195,12 @@ def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]
     return numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
 
 
-def _numbers(table: Iterable[int]) -> str:
-    return ", ".join(str(number) for number in table)
+def _numbers(table: Iterable[int]) -> tuple[str, ...]:
+    return tuple(map(str, table))
 
 
-def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list[str]:
-    """A line for each parameter of the modules; modules may share one, active where any of them is chosen."""
+def _of_modules(table: Mapping[int, Module], index: str, chooser: str) -> Iterator[GrammarParameter]:
+    """The parameters of the modules; modules may share one, active where any of them is chosen."""
     users: dict[str, list[int]] = {}
     found: dict[str, ModuleParameter] = {}
     for number, module in table.items():
@@ -196,11 +208,9 @@ def _module_lines(table: Mapping[int, Module], index: str, chooser: str) -> list
             users.setdefault(parameter.grammar, []).append(number)
             if found.setdefault(parameter.grammar, parameter) != parameter:
                 raise ValueError(f"{parameter.grammar}: modules share this parameter, but its domains differ")
-    lines = []
     for stem, parameter in found.items():
         low, high = parameter.sampled
-        kind = "i" if parameter.integer else "r"
-        chosen = ", ".join(f'"{number}"' for number in users[stem])
-        switch, condition = f'"--{parameter.flag}{index} "', f"{chooser} %in% c({chosen})"
-        lines.append(f"{stem}{index} {switch} {kind} ({low:g}, {high:g}) | {condition}")
-    return lines
+        digits = 0 if parameter.integer else DIGITS
+        name, switch = f"{stem}{index}", f"--{parameter.flag}{index} "
+        condition = (chooser, _numbers(users[stem]))
+        yield GrammarParameter(name, switch, low=low, high=high, digits=digits, condition=condition)

@@ -1,4 +1,4 @@
-"""irace's parameters.txt, read line by line.
+"""irace's parameters.txt: a space is read from its lines, or written.
 
     file      := { parameter } { "[forbidden]" { expression } | "[global]" { "digits" "=" INTEGER } }
     parameter := NAME "switch" type "(" domain ")" [ "|" condition ]
@@ -14,6 +14,8 @@ from typing import Any, NoReturn
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import DEFAULT_DIGITS, MAX_DIGITS, Kind, Parameter, bound_of
+from mercator_design.race.space.r_operators import number_text
+from mercator_design.race.space.relations import ValueAbove, ValueIn
 from mercator_design.race.space.space import Space, Structure
 
 _KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
@@ -21,6 +23,8 @@ _NAME = re.compile(r"[._A-Za-z0-9]+")
 _SWITCH = re.compile(r"""(?P<quote>["'])(?P<text>.*?)(?P=quote)""")
 _TYPE = re.compile(r"(?P<kind>[coir])(?P<log>,log)?(?=[\s(]|$)")
 _DIGITS = re.compile(r"digits\s*=\s*(?P<digits>\d+)$")
+_BARE = re.compile(r"[-+._A-Za-z0-9]+")
+"""Values that need no quotes."""
 
 
 def parse_space(text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> Space:
@@ -53,11 +57,59 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
         seen[parameter.name] = line.number
     forbidden = [line.expression() for line in sections["[forbidden]"]]
     notes = [note for line in sections[""] for note in line.notes]
-    notes += _notes_on([p.condition for p in parameters if p.condition is not None] + forbidden, parameters)
+    conditions = [p.condition for p in parameters if isinstance(p.condition, Expression)]
+    notes += _notes_on(conditions + forbidden, parameters)
     try:
         return Space(parameters, forbidden=forbidden, notes=notes, structure=structure)
     except RaceError as error:
         raise RaceError(f"{source}: {error}") from None
+
+
+def parameters_text(space: Space) -> str:
+    """The text of a parameters.txt, from which `parse_space` makes an equal space.
+
+    Switches and values must not have double quotes or "#", which the format cannot express.
+
+    Raises:
+        RaceError: Its real parameters have different numbers of digits, which the file cannot say.
+    """
+    lines = []
+    for one in space.parameters:
+        line = f'{one.name} "{one.switch}" {one.kind[0]}{",log" if one.log else ""} ({", ".join(_domain_words(one))})'
+        lines.append(line if one.condition is None else f"{line} | {condition_text(one, space)}")
+    if space.forbidden:
+        lines += ["", "[forbidden]", *(expression.text for expression in space.forbidden)]
+    digits = sorted({one.digits for one in space.parameters if one.kind == "real"})
+    if len(digits) > 1:
+        raise RaceError(f"expected the same digits for all real parameters, found {', '.join(map(str, digits))}")
+    if digits:
+        lines += ["", "[global]", f"digits = {digits[0]}"]
+    return "\n".join([*lines, ""])
+
+
+def condition_text(parameter: Parameter, space: Space) -> str:
+    """The condition of a parameter in irace's language; TRUE without one."""
+    match parameter.condition:
+        case None:
+            return "TRUE"
+        case ValueIn(name, values):
+            return f"{name} %in% c({', '.join(map(_quoted, values))})"
+        case ValueAbove(name, limit):  # as AutoMoDe's files write it
+            number = name if space[name].condition is None else f"as.numeric({name})"
+            return f"{number} > {number_text(limit)}"
+        case expression:
+            return expression.text
+
+
+def _domain_words(parameter: Parameter) -> list[str]:
+    if parameter.is_numeric:
+        bounds = (parameter.low, parameter.high)
+        return [number_text(one) if isinstance(one, int | float) else _quoted(one.text) for one in bounds]
+    return [value if _BARE.fullmatch(value) else _quoted(value) for value in parameter.values]
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"'
 
 
 def _notes_on(expressions: list[Expression], parameters: list[Parameter]) -> list[str]:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_text
+from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
 
 Value = str | int | float
 Configuration = dict[str, Value]
@@ -20,6 +21,8 @@ Key = tuple[Value, ...]
 """Equal configurations have equal keys."""
 Kind = Literal["categorical", "ordered", "integer", "real"]
 Bounds = tuple[float, float]
+Bound = float | Expression | ValuePlus
+Condition = Expression | ValueIn | ValueAbove
 
 DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""
@@ -42,7 +45,7 @@ class Parameter:
         kind: The kind of its values.
         switch: The text before the value on a command line, including the blank or "=".
         values: The values of a categorical or ordered parameter, as text.
-        low, high: The inclusive bounds of an integer or real parameter: numbers, or expressions of other numeric
+        low, high: The inclusive bounds of an integer or real parameter: numbers, or functions of other numeric
             parameters.
         log: Whether it is sampled on a logarithmic scale.
         digits: Decimal places of a real value.
@@ -56,11 +59,11 @@ class Parameter:
     kind: Kind
     switch: str = ""
     values: tuple[str, ...] = ()
-    low: float | Expression = 0
-    high: float | Expression = 0
+    low: Bound = 0
+    high: Bound = 0
     log: bool = False
     digits: int = DEFAULT_DIGITS
-    condition: Expression | None = None
+    condition: Condition | None = None
 
     def __post_init__(self) -> None:
         if self.is_numeric:
@@ -80,12 +83,12 @@ class Parameter:
     @property
     def is_dependent(self) -> bool:
         """Whether the bounds depend on other parameters."""
-        return isinstance(self.low, Expression) or isinstance(self.high, Expression)
+        return not isinstance(self.low, int | float) or not isinstance(self.high, int | float)
 
     @property
     def bound_names(self) -> tuple[str, ...]:
         """The names of the parameters that the bounds depend on."""
-        return tuple(n for bound in (self.low, self.high) if isinstance(bound, Expression) for n in bound.names)
+        return tuple(n for bound in (self.low, self.high) if not isinstance(bound, int | float) for n in bound.names)
 
     @property
     def depends_on(self) -> tuple[str, ...]:
@@ -107,8 +110,8 @@ class Parameter:
         """
         if not self.is_numeric:
             return 1, len(self.values)
-        low = self.low(configuration) if isinstance(self.low, Expression) else self.low
-        high = self.high(configuration) if isinstance(self.high, Expression) else self.high
+        low = self.low if isinstance(self.low, int | float) else self.low(configuration)
+        high = self.high if isinstance(self.high, int | float) else self.high(configuration)
         if low is None or high is None:
             return None
         if self.kind == "integer" and math.isfinite(low) and math.isfinite(high):
@@ -199,7 +202,7 @@ class Parameter:
         if self.log and self.is_dependent:
             raise RaceError(f"{place}: expected numbers as bounds of a log parameter, found a dependent domain")
         for bound in (self.low, self.high):
-            if isinstance(bound, Expression):
+            if not isinstance(bound, int | float):
                 continue
             if not math.isfinite(bound):
                 raise RaceError(f"{place}: expected finite bounds, found {bound}")
@@ -207,7 +210,7 @@ class Parameter:
                 raise RaceError(f"{place}: expected whole numbers, found {number_text(bound)}")
             if self.kind == "real" and round(bound, self.digits) != bound:
                 raise RaceError(f"{place}: expected bounds of at most {self.digits} digits, found {number_text(bound)}")
-        if isinstance(self.low, Expression) or isinstance(self.high, Expression):
+        if not isinstance(self.low, int | float) or not isinstance(self.high, int | float):
             return
         if not self._is_representable(self.low, self.high):
             expected = f"integers up to {MAX_INTEGER}" if self.kind == "integer" else "a finite difference"
@@ -218,24 +221,28 @@ class Parameter:
             raise RaceError(f"{place}: expected a lower bound above 0 for a log parameter")
 
 
-def categorical(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
+def categorical(
+    name: str, values: Iterable[object], *, switch: str = "", condition: str | Condition | None = None
+) -> Parameter:
     """A parameter with unordered values, which become text."""
     return _parameter(name, "categorical", switch, condition, values=tuple(map(str, values)))
 
 
-def ordered(name: str, values: Iterable[object], *, switch: str = "", condition: str | None = None) -> Parameter:
+def ordered(
+    name: str, values: Iterable[object], *, switch: str = "", condition: str | Condition | None = None
+) -> Parameter:
     """A parameter with ordered values, which become text."""
     return _parameter(name, "ordered", switch, condition, values=tuple(map(str, values)))
 
 
 def integer(
     name: str,
-    low: int | str,
-    high: int | str,
+    low: str | Bound,
+    high: str | Bound,
     *,
     log: bool = False,
     switch: str = "",
-    condition: str | None = None,
+    condition: str | Condition | None = None,
 ) -> Parameter:
     """A whole number within inclusive bounds, which may be expressions of other parameters."""
     return _parameter(name, "integer", switch, condition, low=_bound(low), high=_bound(high), log=log)
@@ -243,20 +250,20 @@ def integer(
 
 def real(
     name: str,
-    low: float | str,
-    high: float | str,
+    low: str | Bound,
+    high: str | Bound,
     *,
     log: bool = False,
     digits: int = DEFAULT_DIGITS,
     switch: str = "",
-    condition: str | None = None,
+    condition: str | Condition | None = None,
 ) -> Parameter:
     """A real number within inclusive bounds, rounded to `digits` decimal places."""
     return _parameter(name, "real", switch, condition, low=_bound(low), high=_bound(high), log=log, digits=digits)
 
 
-def _parameter(name: str, kind: Kind, switch: str, condition: str | None, **domain: Any) -> Parameter:  # noqa: ANN401
-    active = None if condition is None else Expression(condition)
+def _parameter(name: str, kind: Kind, switch: str, condition: str | Condition | None, **domain: Any) -> Parameter:  # noqa: ANN401
+    active = Expression(condition) if isinstance(condition, str) else condition
     return Parameter(name=name, kind=kind, switch=switch, condition=active, **domain)
 
 
@@ -264,7 +271,7 @@ def _interpolated(u: float, low: float, high: float) -> float:
     return low + u * (high - low)
 
 
-def _bound(bound: float | str) -> float | Expression:
+def _bound(bound: str | Bound) -> Bound:
     return bound_of(Expression(bound, arithmetic=True)) if isinstance(bound, str) else bound
 
 
@@ -276,5 +283,5 @@ def bound_of(expression: Expression) -> float | Expression:
     return math.nan if value is None else float(value) if isinstance(value, float) else int(value)
 
 
-def _bound_text(bound: float | Expression) -> str:
-    return bound.text if isinstance(bound, Expression) else number_text(bound)
+def _bound_text(bound: Bound) -> str:
+    return number_text(bound) if isinstance(bound, int | float) else bound.text

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from mercator_design import __version__
 from mercator_design.errors import RaceError
+from mercator_design.race.irace.parameters import condition_text
 from mercator_design.race.irace.scenario_options import OPTIONS, TESTS
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import Task
-from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import Parameter
 from mercator_design.race.space.space import Space
 from mercator_design.system.files import write_bytes, writing
@@ -182,7 +182,7 @@ def _parameters(space: Space) -> dict[str, Any]:
         "switches": named([one.switch for one in parameters]),
         "domain": domains,
         "domains": domains,
-        "conditions": {one.name: True if one.condition is None else one.condition.text for one in in_order},
+        "conditions": {one.name: True if one.condition is None else condition_text(one, space) for one in in_order},
         "isFixed": named([one.is_fixed for one in parameters]),
         "transform": {one.name: "log" if one.log else "" for one in parameters},
         "digits": named([one.digits for one in parameters]),
@@ -201,7 +201,7 @@ def _domain(parameter: Parameter) -> NDArray[Any]:
         return _texts(parameter.values)
     if parameter.is_dependent:
         bounds = (parameter.low, parameter.high)
-        return _texts([one.text if isinstance(one, Expression) else f"{one:.15g}" for one in bounds])
+        return _texts([f"{one:.15g}" if isinstance(one, int | float) else one.text for one in bounds])
     return np.array([parameter.low, parameter.high], dtype=float)
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.fsm.space.grammar import parameters_text
 from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.race.irace import scenario_text
+from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.system.files import write_bytes, writing
 
 _RUNNER = """\
@@ -53,7 +53,7 @@ def write_irace_scenario(folder: Path, designer: Designer, *, jobs: int) -> None
     runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, plugins=plugins)
     texts = {
         "scenario.txt": f"# {designer.name}, for irace 4.4 or mdesign tune\n{scenario_text.to_text(settings)}",
-        "parameters.txt": parameters_text(designer.flavour),
+        "parameters.txt": parameters_text(designer.optimizer.space),
         "instances.txt": "mission.yaml\n",
         "target-runner": runner,
     }

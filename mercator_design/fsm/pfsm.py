@@ -142,12 +142,12 @@ class Pfsm:
         return frozenset().union(*(state.reads for state in self.states))
 
     @property
-    def modules(self) -> Iterator[tuple[str, Module]]:
-        """The module of each state and transition, behind its place in words."""
+    def nodes(self) -> Iterator[tuple[str, State | Transition]]:
+        """Each state and its transitions, behind their places in words."""
         for i, state in enumerate(self.states):
-            yield f"state {i}", state.module
+            yield f"state {i}", state
             for j, transition in enumerate(state.transitions):
-                yield f"state {i}, transition {j}", transition.module
+                yield f"state {i}, transition {j}", transition
 
     def program(self) -> Program:
         """The tables that `control_cycle` runs on."""

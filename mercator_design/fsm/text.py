@@ -11,12 +11,12 @@ A caller who passes `tolerate` hears of each such thing instead, and gets what t
 import contextlib
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from mercator_design.errors import FsmError
 from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, ModuleParameter, numbered
+from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import (
     FLAVOURS,
     MAX_STATES,
@@ -92,9 +92,10 @@ def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
 
 def out_of_domain(pfsm: Pfsm, warn: Warn) -> None:
     """Warn of each parameter that is outside its domain."""
-    for place, module, parameter, value in _parameters(pfsm):
-        if not parameter.contains(value):
-            warn(f"{place}: {parameter.name} of {module.name} is {value:g}, not {parameter.domain}")
+    for place, one in pfsm.nodes:
+        for parameter, value in zip(one.module.parameters, one.parameters, strict=True):
+            if not parameter.contains(value):
+                warn(f"{place}: {parameter.name} of {one.module.name} is {value:g}, not {parameter.domain}")
 
 
 def to_text(pfsm: Pfsm) -> str:
@@ -117,16 +118,6 @@ def _values(module: Module, values: tuple[float, ...], index: str) -> list[str]:
         f"--{parameter.flag}{index} {int(value) if value == int(value) and abs(value) < 1e15 else value!r}"
         for parameter, value in zip(module.parameters, values, strict=True)
     ]
-
-
-def _parameters(pfsm: Pfsm) -> Iterator[tuple[str, Module, ModuleParameter, float]]:
-    """Each parameter of a PFSM with its place."""
-    for i, state in enumerate(pfsm.states):
-        for parameter, value in zip(state.module.parameters, state.parameters, strict=True):
-            yield f"state {i}", state.module, parameter, value
-        for j, transition in enumerate(state.transitions):
-            for parameter, value in zip(transition.module.parameters, transition.parameters, strict=True):
-                yield f"state {i}, transition {j}", transition.module, parameter, value
 
 
 class _TokenReader:

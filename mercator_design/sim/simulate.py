@@ -173,8 +173,8 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        for place, module in pfsm.modules:
-            self.check_module(module, place)
+        for place, one in pfsm.nodes:
+            self.check_module(one.module, place)
 
     def check_module(self, module: Module, place: str) -> None:
         """Check that the robot has the senses that a module reads.

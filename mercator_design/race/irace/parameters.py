@@ -16,7 +16,7 @@ from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import DEFAULT_DIGITS, MAX_DIGITS, Kind, Parameter, bound_of
 from mercator_design.race.space.r_operators import number_text
 from mercator_design.race.space.relations import ValueAbove, ValueIn
-from mercator_design.race.space.space import Space, Structure
+from mercator_design.race.space.space import Space
 
 _KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
 _NAME = re.compile(r"[._A-Za-z0-9]+")
@@ -27,7 +27,7 @@ _BARE = re.compile(r"[-+._A-Za-z0-9]+")
 """Values that need no quotes."""
 
 
-def parse_space(text: str, source: str = "parameters.txt", *, structure: Structure | None = None) -> Space:
+def parse_space(text: str, source: str = "parameters.txt") -> Space:
     """Read a space from the text of a parameters.txt; `source` names the file in messages.
 
     Raises:
@@ -60,7 +60,7 @@ def parse_space(text: str, source: str = "parameters.txt", *, structure: Structu
     conditions = [p.condition for p in parameters if isinstance(p.condition, Expression)]
     notes += _notes_on(conditions + forbidden, parameters)
     try:
-        return Space(parameters, forbidden=forbidden, notes=notes, structure=structure)
+        return Space(parameters, forbidden=forbidden, notes=notes)
     except RaceError as error:
         raise RaceError(f"{source}: {error}") from None
 

@@ -21,8 +21,8 @@ def max_modules(flavour: str) -> dict[str, int]:
 def module_counts(pfsm: Pfsm) -> dict[str, int]:
     """The number of each module of its flavour in the reachable states of a PFSM."""
     counts = dict.fromkeys(max_modules(pfsm.flavour), 0)
-    for _, module in without(pfsm, frozenset()).modules:
-        counts[module.name] += 1
+    for _, one in without(pfsm, frozenset()).nodes:
+        counts[one.module.name] += 1
     return counts
 
 

@@ -30,7 +30,10 @@ def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: 
     Without a PFSM, all conditions of the flavour are checked.
     """
     yield from model_warnings(model)
-    places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()] if pfsm is None else pfsm.modules
+    if pfsm is None:
+        places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()]
+    else:
+        places = [(place, one.module) for place, one in pfsm.nodes]
     for place, module in places:
         if module.colours and not model.sees_colours:
             yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"

@@ -19,13 +19,12 @@ from mercator_design.fsm import Controller, Pfsm, Readings, Wheels
 from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.samples import STREAMED
-from mercator_design.robot.devices.settings import Settings, control_period_of
+from mercator_design.robot.devices.settings import Limits, RvrSettings, Settings, control_period_of
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.rvr_streaming import streaming
-from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.run.senses import Senses, why_device_is_needed
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.twin.arena import TwinArena
+from mercator_design.twin.arena import TwinArena, dark_limit
 from mercator_design.twin.twin import Twin
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -38,7 +37,8 @@ _RATE = 11_520.0  # [bytes/s] of the RVR's line
 def settings_of(model: RobotModel) -> Settings:
     """What is particular to a twin's robot."""
     angles = model.proximity.reported or model.proximity.angles if model.proximity else ()
-    return Settings(proximity_angles=angles, reference_model=model.reference_model)
+    limits = Limits(dark=dark_limit(model))
+    return Settings(limits=limits, proximity_angles=angles, reference_model=model.reference_model)
 
 
 class SteppedRobot:
@@ -62,7 +62,7 @@ class SteppedRobot:
         for name in ("reset_yaw", "reset_locator_x_and_y"):
             self.tell(0.0, name)
         self.tell(0.0, "enable_color_detection", is_enabled=True)
-        for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
+        for name, processor, values in streaming(STREAMED, round(1000 * RvrSettings().period)):
             self.tell(0.0, name, processor, **values)
         if scans:
             self.hear("lidar", self._robot.receive("lidar", ydlidar.encode_command("scan"), 0.0), 0.0)

@@ -17,6 +17,7 @@ from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import reporting_kernels
+from mercator_design.robot.devices.settings import Limits
 from mercator_design.robot.protocols.multiflex import SENSORS
 from mercator_design.robot.protocols.ydlidar import encode_command
 from mercator_design.sim.devices import PARTS, Recording
@@ -161,6 +162,11 @@ class TwinArena:
             measured[:, :2] = np.column_stack([-measured[:, 1], measured[:, 0]])
         rows_of_robots: Floats = measured.reshape(self.robots, -1)
         return rows_of_robots
+
+
+def dark_limit(robot_model: RobotModel) -> float | None:
+    """`limits.dark` of its robots: without noise, black floors read 0, 0, 0 all the time, as with the lamp off."""
+    return Limits().dark if robot_model.ground is not None and robot_model.ground.noise is not None else None
 
 
 def without_noise(part: Any) -> Any:  # noqa: ANN401 - a robot model, or whatever is in one

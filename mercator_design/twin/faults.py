@@ -14,16 +14,31 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from mercator_design.config.loading import read
-from mercator_design.config.schema import Length, Range
+from mercator_design.config.schema import FieldError, Length, Range
 from mercator_design.config.yaml_tree import FromFile
-from mercator_design.errors import SettingsError
+from mercator_design.errors import SettingsError, excerpt
 from mercator_design.robot.devices.ports import DeviceName
+from mercator_design.robot.protocols.rvr_messages import COMMANDS
 from mercator_design.twin.devices.lidar import Hiding, LidarState
 
 Direction: TypeAlias = Literal["from_robot", "to_robot"]
 Time = Annotated[float, Range(0.0, 86_400.0)]
 Rate = Annotated[float, Range(0.0, 1.0)]
 Degrees = Annotated[float, Range(-360.0, 360.0)]
+Service: TypeAlias = Literal[
+    "quaternion",
+    "imu",
+    "accelerometer",
+    "color_detection",
+    "gyroscope",
+    "locator",
+    "velocity",
+    "speed",
+    "core_time",
+    "ambient_light",
+    "encoders",
+]
+"""Those of rvr_streaming.SERVICES."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,9 +223,65 @@ class OldHub(_Fault):
     kind: Literal["old_hub"] = "old_hub"
 
 
-LidarFault: TypeAlias = Blind | Post | SlowTurns | OtherLidar
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _StreamFault(_Fault):
+    service: Service  # which the RVR streams; the others in its slot have the fault, too
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoStream(_StreamFault):
+    """The RVR does not stream a service."""
+
+    kind: Literal["no_stream"] = "no_stream"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlowStream(_StreamFault):
+    """The RVR streams a service less often than it is asked to."""
+
+    kind: Literal["slow_stream"] = "slow_stream"
+    period: Annotated[float, Range(0.01, 60.0)]  # [s] at least
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InvalidStream(_StreamFault):
+    """The RVR marks the values of a service as invalid."""
+
+    kind: Literal["invalid_stream"] = "invalid_stream"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LampOff(_Fault):
+    """The lamp of the RVR's colour sensor does not come on, or the robot is lifted: all colours read 0, 0, 0."""
+
+    kind: Literal["lamp_off"] = "lamp_off"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefusedCommand(_Fault):
+    """The RVR refuses a command, as firmware does that does not know it."""
+
+    kind: Literal["refusal"] = "refusal"
+    command: str  # by its name in the maker's documents
+    service: Service | None = None  # of configure_streaming_service, only slots with this service; null: all
+    error: Annotated[int, Range(1, 255)] | None = 6  # with which it answers; null: it does not answer
+
+    def __post_init__(self) -> None:
+        if self.command not in COMMANDS:
+            raise FieldError("command", f"expected a command of the RVR, found '{excerpt(self.command)}'")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LockedSlots(_Fault):
+    """The RVR refuses to change what it streams while it streams; only stop_streaming_service ends that."""
+
+    kind: Literal["locked_slots"] = "locked_slots"
+
+
 LineFault: TypeAlias = Flip | Lose | Double | Insert | Silence | WrongBaud
-Fault: TypeAlias = LineFault | LidarFault | PortLoss | Battery | Stall | Heat | OldHub
+LidarFault: TypeAlias = Blind | Post | SlowTurns | OtherLidar
+RvrFault: TypeAlias = NoStream | SlowStream | InvalidStream | LampOff | RefusedCommand | LockedSlots
+Fault: TypeAlias = LineFault | LidarFault | RvrFault | PortLoss | Battery | Stall | Heat | OldHub
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,6 +21,7 @@ from mercator_design.robot.devices.ports import DEVICES, DeviceName, PortNames
 from mercator_design.robot.devices.settings import Limits, Settings, SwarmSettings
 from mercator_design.robot.logs.events import now as time_of_day
 from mercator_design.system.files import writing
+from mercator_design.twin.arena import dark_limit
 from mercator_design.twin.folder import BEGINS, FRESH, ROBOT, check_free
 from mercator_design.twin.twin import Twin
 
@@ -171,7 +172,7 @@ class Terminals:
     def _settings(self, number: int, port: int) -> Settings:
         """The settings of a robot for programs, with a free UDP port."""
         model = self._twin.arena.robot_model
-        limits = Limits(speed=model.drive.maximum_speed)
+        limits = Limits(speed=model.drive.maximum_speed, dark=dark_limit(model))
         if len(self._twin.robots) == 1:  # a lidar sees only others
             limits = replace(limits, lidar_blind=None)
         angles = model.proximity.reported or model.proximity.angles if model.proximity else ()

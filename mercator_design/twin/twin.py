@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias, get_args
 
 from mercator_design.errors import SettingsError
@@ -11,18 +11,25 @@ from mercator_design.robot.devices.ports import DEVICES, DeviceName
 from mercator_design.twin.arena import TwinArena
 from mercator_design.twin.devices.hub import TwinHub
 from mercator_design.twin.devices.lidar import LidarState, TwinLidar
-from mercator_design.twin.devices.rvr import TwinRvr
+from mercator_design.twin.devices.rvr import Refused, TwinRvr
 from mercator_design.twin.faults import (
     Battery,
     Damage,
     Direction,
     Fault,
     Heat,
+    InvalidStream,
+    LampOff,
     LidarFault,
     LineFault,
+    LockedSlots,
+    NoStream,
     OldHub,
     PortLoss,
+    RefusedCommand,
+    RvrFault,
     Script,
+    SlowStream,
     Stall,
 )
 
@@ -105,6 +112,19 @@ class TwinRobot:
         if any(isinstance(fault, Heat) for fault in begun + ended):
             hot = [(SIDES.index(fault.motor), fault.temperature) for fault in on if isinstance(fault, Heat)]
             self.rvr.heat(dict(sorted(hot)))  # if there are several, the hottest counts
+        if any(isinstance(fault, RvrFault) for fault in begun + ended):
+            self._set_rvr(on)
+
+    def _set_rvr(self, on: Sequence[Fault]) -> None:
+        """Let the faults that are present have their effect on what the RVR streams and obeys."""
+        senses = self.rvr.senses
+        senses.silent = frozenset(fault.service for fault in on if isinstance(fault, NoStream))
+        senses.invalid = frozenset(fault.service for fault in on if isinstance(fault, InvalidStream))
+        slow = sorted((fault.period, fault.service) for fault in on if isinstance(fault, SlowStream))
+        senses.slow = {service: period for period, service in slow}  # if there are several, the slowest counts
+        senses.lamp_fails = any(isinstance(fault, LampOff) for fault in on)
+        self.rvr.locks_slots = any(isinstance(fault, LockedSlots) for fault in on)
+        self.rvr.refused = tuple(Refused(f.command, f.service, f.error) for f in on if isinstance(f, RefusedCommand))
 
     def _note(self, now: float) -> None:
         left, right = (round(speed, 4) + 0.0 for speed in self.rvr.drive.target)

@@ -39,7 +39,8 @@ class Surroundings:
 
     def __init__(self):
         self.ticks, self.heads, self.wall = 0, [], 0.0
-        self.measured = dict.fromkeys(("ground_sensors", "accelerometer", "gyroscope", "imu"), (0.0, 0.0, 0.0))
+        self.measured = dict.fromkeys(("accelerometer", "gyroscope", "imu"), (0.0, 0.0, 0.0))
+        self.measured["ground_sensors"] = (7.0, 8.0, 6.0)
         self.measured |= dict.fromkeys(("locator", "velocity", "treads"), (0.0, 0.0))
         self.measured |= {"ambient_light": (0.0,), "quaternion": (1.0, 0.0, 0.0, 0.0), "proximity": CLEAR}
 
@@ -95,7 +96,7 @@ class Devices(Surroundings):
         for line, device in zip(DEVICES, (self.rvr, self.lidar, self.hub), strict=True):
             device.advance = functools.partial(self._advance, device.advance, line)
         self.rvr.obey = functools.partial(self._obey, self.rvr.obey)
-        self.rvr._senses._stream = functools.partial(self._stream, self.rvr._senses._stream)
+        self.rvr.senses._stream = functools.partial(self._stream, self.rvr.senses._stream)
         self.lidar.obey = functools.partial(self._obey_lidar, self.lidar.obey)
         self.lidar._packet = functools.partial(self._packet, self.lidar._packet)
         self.lidar.set_motor(on=True, now=-SPINS_UP)

@@ -29,7 +29,11 @@ from tests.robot.devices import CLEAR, Devices
 from tests.robot.ways import MAIN, ROOT, SOON, made_in_time
 
 RING = Settings().proximity_angles
-OFTEN = "from mercator_design.robot.setup import ground_calibration; ground_calibration.PERIOD = 33\n"
+OFTEN = """
+from mercator_design.robot.setup import ground_calibration
+start = ground_calibration.start_streams
+ground_calibration.start_streams = lambda link, needed, optional, _: start(link, needed, optional, 0.033)
+"""
 """The RVR tells more in less time."""
 COMMAND = [sys.executable, "-c", SOON + OFTEN + MAIN, "calibrate"]
 
@@ -185,11 +189,22 @@ class TestColor:
 
     def test_a_sensor_that_is_silent(self, devices):
         devices.silent.add("color_detection")
-        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="ground: 0 measurements in"):
+        with (
+            ground_sensor(Settings(ports=devices.names)) as sensor,
+            pytest.raises(
+                RobotError, match=r"^ground: 0 measurements in 0.2 s; the RVR itself is heard: switch it off and on"
+            ),
+        ):
+            sensor.measure(0.2)
+
+    def test_a_sensor_whose_samples_are_invalid(self, devices):
+        devices.rvr.senses.invalid = frozenset({"color_detection"})
+        words = r"^ground: 0 measurements in 0.2 s, and \d that the RVR marks as invalid; the RVR itself is heard"
+        with ground_sensor(Settings(ports=devices.names)) as sensor, pytest.raises(RobotError, match=words):
             sensor.measure(0.2)
 
     def test_what_was_measured_before_does_not_count(self, devices):
-        with ground_sensor(devices.names) as sensor:
+        with ground_sensor(Settings(ports=devices.names)) as sensor:
             devices.measured["ground_sensors"] = 200, 0, 0
             time.sleep(0.1)
             devices.measured["ground_sensors"] = 100, 0, 0
@@ -198,7 +213,7 @@ class TestColor:
 
     def test_it_is_kept_awake(self, devices, monkeypatch):
         monkeypatch.setattr(ground_calibration, "KEEP_AWAKE_EVERY", 0.0)
-        with ground_sensor(devices.names) as sensor:
+        with ground_sensor(Settings(ports=devices.names)) as sensor:
             time.sleep(0.1)
             before = len(devices.commands)
             sensor.attend()
@@ -213,7 +228,8 @@ class TestColor:
         assert "keep the robot still" in next(warnings("gray", gray(80.0, 30) + gray(120.0, 30)))
         assert "darker than usual: brightness 100, not 255" in next(warnings("white", gray(100.0)))
         assert "brighter than usual: brightness 99, not 0" in next(warnings("black", gray(99.0)))
-        assert list(warnings("black", gray(0.0))) == []
+        assert list(warnings("black", [*gray(0.0), (0.0, 0.0, 1.0)])) == []
+        assert "is the sensor's lamp on, and the robot on the floor?" in next(warnings("black", gray(0.0)))
 
     def test_without_light(self):
         check_light("black", [(0.0, 0.0, 0.0)] * 60)
@@ -226,7 +242,10 @@ class TestColor:
         def put_on(line):
             devices.measured["ground_sensors"] = (levels[line.split()[-1]],) * 3
 
-        with ground_sensor(devices.names) as sensor, pytest.raises(RobotError, match="black and white are 2 levels"):
+        with (
+            ground_sensor(Settings(ports=devices.names)) as sensor,
+            pytest.raises(RobotError, match="black and white are 2 levels"),
+        ):
             ground_calibration.calibrate(sensor, levels, {}, 1.0, put_on, lambda _said: None)
 
     def test_colours_that_would_be_confused(self):

@@ -61,7 +61,12 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert fine["sensor 0, at +45 degrees"].startswith("0.50 m;")
     assert fine["sensor 1, at +0 degrees"].startswith("nothing in sight;")
     assert fine["sensor 2, at -45 degrees"].startswith("too near;")
-    assert not any(name.startswith("drive") for _, name, _ in devices.commands)
+    assert fine["rvr's drive"] == "commands end by themselves after 0.3 s"
+    assert fine["rvr's reports"] == "of battery and motors"
+    for sensor in ("attitude", "ground", "ambient light"):
+        assert fine[f"rvr's {sensor}"] == "20.0 samples a second"
+    assert fine["ground's colour"] == "7 8 6, which is black"
+    assert not devices.drives()
     assert devices.lidar_commands[-1] == "stop"
 
 
@@ -74,7 +79,7 @@ def test_a_signal_leaves_nothing_on(found, devices, command, number):
     devices.then(is_heard, lambda: os.kill(os.getpid(), number))
     code, _, _, err = found()
     assert (code, err) == (128 + number, f"Stopped by {number.name}.\n")
-    assert not devices.rvr._senses._streams
+    assert not devices.rvr.senses._streams
     assert devices.lidar_commands[-1:] == ([] if command == "start_streaming_service" else ["stop"])
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW, MIN_ANSWERS, WINDOW, warning_share
-from mercator_design.robot.devices.settings import CONTROL_PERIOD, Limits, parse_settings
+from mercator_design.robot.devices.settings import COMMANDS_END, CONTROL_PERIOD, Limits, parse_settings
 from mercator_design.robot.protocols.joint_start import LEAD, SILENCE
-from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
+from mercator_design.robot.run.mercator import QUERY_EVERY
 from mercator_design.robot.run.safety import STALL
 
 ROOT = Path(__file__).parents[2]

@@ -12,14 +12,14 @@ from mercator_design.fsm import Readings, ReferenceModel, Wheels
 from mercator_design.fsm.perception import proximity_weight
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
-from mercator_design.robot.devices.samples import STREAMED, converted
-from mercator_design.robot.devices.settings import Limits, Settings
+from mercator_design.robot.devices.samples import SERVICE_OF, STREAMED, converted
+from mercator_design.robot.devices.settings import COMMANDS_END, Limits, Settings
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr import Response, RvrEnd
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, Error, Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run import mercator
-from mercator_design.robot.run.mercator import COMMANDS_END, Mercator
+from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.monitor import Monitor
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.robot_model import load_robot_model
@@ -28,24 +28,23 @@ from tests.robot.lines import QUIET
 from tests.robot.simulated import SimulatedPort
 
 SENSES = ("proximity", "neighbours", "ground")
-PREPARATIONS = (
+DISPENSABLE = (
     "enable_battery_voltage_state_change_notify",
     "enable_motor_fault_notify",
     "enable_motor_stall_notify",
     "enable_motor_thermal_protection_status_notify",
     "reset_yaw",
     "reset_locator_x_and_y",
-    "enable_color_detection",
 )
-"""Without which a run would not be what it seems."""
+"""Commands of the start that inform people, who are told if the RVR refuses them."""
 NEAR = ReferenceModel().neighbour_range
 
 
 @contextmanager
-def robot_on(devices, reads=SENSES, **settings):
+def robot_on(devices, reads=SENSES, extra=(), **settings):
     settings = Settings(ports=devices.names, **settings)
     labels = settings.labels_of({})
-    with open_ports(settings.ports) as opened, closing(Mercator(settings, opened, reads, labels)) as robot:
+    with open_ports(settings.ports) as opened, closing(Mercator(settings, opened, reads, labels, extra)) as robot:
         robot.start()
         yield robot
 
@@ -64,7 +63,7 @@ def told(robot, seconds=0.3):
 class TestReadings:
     def test_one_after_the_other(self, devices):
         """One robot through all senses, as it takes a second to start."""
-        with robot_on(devices) as robot:
+        with robot_on(devices, extra=SERVICE_OF) as robot:
             self.nothing_in_sight(robot)
             self.axes(devices, robot)
             self.ground(devices, robot)
@@ -212,12 +211,14 @@ class TestStart:
             assert robot.facts["battery"] == "87 %"
             assert robot.facts["commands_end"] == "seen after 0.3 s"
         names = [name for _, name, _ in devices.commands]
-        assert names[:4] == ["disable_notifications_and_active_commands", *["clear_streaming_service"] * 2, "wake"]
+        ends = [*["stop_streaming_service"] * 2, *["clear_streaming_service"] * 2]
+        assert names[:6] == ["disable_notifications_and_active_commands", *ends, "wake"]
+        assert names.index("drive_stop") < names.index("drive_tank_si_units")
         values = {name: values for _, name, values in devices.commands[::-1]}
         assert values["set_custom_control_system_timeout"] == {"command_timeout": round(1000 * COMMANDS_END)}
         assert names.index("reset_yaw") < names.index("start_streaming_service")
-        assert set(PREPARATIONS) <= set(names)
-        assert [values[name] for name in PREPARATIONS] == [{"is_enabled": True}] * 4 + [{}] * 2 + [{"is_enabled": True}]
+        assert [values[name] for name in DISPENSABLE] == [{"is_enabled": True}] * 4 + [{}] * 2
+        assert values["enable_color_detection"] == {"is_enabled": True}
         assert not devices.drives()
         assert [*dict.fromkeys(devices.lidar_commands)] == ["force_stop", "stop", "health", "device_info", "scan"]
         assert min(map(devices.lidar_commands.count, ("health", "device_info"))) >= 2  # until two answers agree
@@ -273,10 +274,10 @@ class TestStart:
             (lambda d: d.silent.add("rvr"), r"^rvr: no answer; is it switched on"),
             (lambda d: d.silent.add("lidar"), r"^lidar: no answer; has it power"),
             (lambda d: d.silent.add("proximity"), r"^proximity: no answer; is this the hub's port"),
-            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; it was heard before: has it still power"),
+            (lambda d: d.silent.add("imu"), r"^attitude: nothing yet; the RVR itself is heard: switch it off and on"),
             (
                 lambda d: d.silent.add("color_detection"),
-                r"^ground: nothing yet; it was heard before: has it still power",
+                r"^ground: nothing yet; the RVR itself is heard: switch it off and on",
             ),
             (lambda d: setattr(d, "is_stuck", True), r"^lidar: nothing yet; it was heard before: has it power"),
             (
@@ -293,7 +294,7 @@ class TestStart:
             ),
             *(
                 (lambda d, name=name: d.instead.update({name: {"error": 4}}), rf"^rvr: {name} was refused: restricted")
-                for name in PREPARATIONS
+                for name in ("enable_color_detection", "drive_stop")
             ),
             (lambda d: setattr(d.lidar, "health", 2), r"^lidar: it reports an error"),
         ],

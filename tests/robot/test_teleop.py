@@ -23,8 +23,8 @@ import pytest
 
 from mercator_design.robot.cli import teleop as command
 from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW
-from mercator_design.robot.devices.settings import Limits, Settings
-from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY
+from mercator_design.robot.devices.settings import COMMANDS_END, Limits, Settings
+from mercator_design.robot.run.mercator import QUERY_EVERY
 from mercator_design.robot.run.network import Speaker
 from mercator_design.robot.run.safety import SIGNALS
 from mercator_design.robot.teleop.keyboard import Keyboard, keyboard, keys

@@ -15,8 +15,8 @@ import pytest
 from mercator_design.fsm import Controller, ReferenceModel, Wheels
 from mercator_design.fsm.digest import control_digest
 from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW, WINDOW
-from mercator_design.robot.devices.settings import Limits
-from mercator_design.robot.run.mercator import COMMANDS_END, QUERY_EVERY, Mercator
+from mercator_design.robot.devices.settings import COMMANDS_END, Limits
+from mercator_design.robot.run.mercator import QUERY_EVERY, Mercator
 from mercator_design.robot.run.safety import SIGNALS, STALL
 from tests.robot.log_events import read
 from tests.robot.ways import ALL, GO, LAST, LATEST, asked, check
@@ -247,14 +247,15 @@ def test_the_end_of_the_duration(robot):
     driven = [when for when, left, _ in robot.devices.wheels if left]
     assert robot.devices.rests_since() - driven[0] == pytest.approx(1.0, abs=2.0 * robot.devices.period)
     names = [name for _, name, _ in robot.devices.commands]
-    stopped = len(names) - 1 - names[::-1].index("clear_streaming_service") - 1
-    assert names[stopped : stopped + 4] == [
+    stopped = len(names) - 1 - names[::-1].index("stop_streaming_service") - 1
+    assert names[stopped : stopped + 6] == [
+        *["stop_streaming_service"] * 2,
         *["clear_streaming_service"] * 2,
         "enable_color_detection",
         "release_led_requests",
     ]
     assert names[stopped - 4 : stopped] == ["drive_tank_si_units", "drive_stop"] * 2
-    assert set(names[stopped + 4 : -2]) == {"drive_stop"}
+    assert set(names[stopped + 6 : -2]) == {"drive_stop"}
     assert names[-2:] == ["restore_default_control_system_timeout", LAST]
     assert robot.devices.lidar_commands[-2:] == ["force_stop", "stop"]
 

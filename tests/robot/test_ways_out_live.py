@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from mercator_design.robot.run.mercator import COMMANDS_END
+from mercator_design.robot.devices.settings import COMMANDS_END
 from mercator_design.robot.run.network import ASK, HEARTBEAT, SIGN, SIGNED, STOP, Speaker, signature
 from mercator_design.robot.run.safety import STALL
 from tests.processes import LIMIT

@@ -2,12 +2,16 @@
 
 import random
 import re
+from collections import Counter
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
 from mercator_design.errors import SettingsError
+from mercator_design.robot.protocols.rvr import Flags, Response
+from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
 from mercator_design.twin.faults import (
     Battery,
     Damage,
@@ -16,10 +20,17 @@ from mercator_design.twin.faults import (
     Flip,
     Heat,
     Insert,
+    InvalidStream,
+    LampOff,
+    LockedSlots,
     Lose,
+    NoStream,
     PortLoss,
+    RefusedCommand,
     Script,
+    Service,
     Silence,
+    SlowStream,
     Stall,
     WrongBaud,
     read_script,
@@ -85,6 +96,13 @@ faults:
   - {kind: battery, at: 1, robot: 0, level: 3}
   - {kind: stall, at: 1, duration: 3, robot: 0, motor: left}
   - {kind: heat, at: 1, robot: 0, motor: right, temperature: 65}
+  - {kind: no_stream, at: 1, robot: 0, service: imu}
+  - {kind: slow_stream, at: 1, robot: 0, service: locator, period: 0.4}
+  - {kind: invalid_stream, at: 1, robot: 0, service: imu}
+  - {kind: lamp_off, at: 1, robot: 0}
+  - {kind: refusal, at: 1, robot: 0, command: configure_streaming_service, service: ambient_light, error: 6}
+  - {kind: refusal, at: 1, robot: 0, command: drive_stop, error: null}
+  - {kind: locked_slots, at: 1, robot: 0}
 """)
         assert read_script(file) == Script(
             seed=7,
@@ -95,6 +113,13 @@ faults:
                 Battery(at=1, robot=0, level=3),
                 Stall(at=1, duration=3, robot=0, motor="left"),
                 Heat(at=1, robot=0, motor="right", temperature=65),
+                NoStream(at=1, robot=0, service="imu"),
+                SlowStream(at=1, robot=0, service="locator", period=0.4),
+                InvalidStream(at=1, robot=0, service="imu"),
+                LampOff(at=1, robot=0),
+                RefusedCommand(at=1, robot=0, command="configure_streaming_service", service="ambient_light", error=6),
+                RefusedCommand(at=1, robot=0, command="drive_stop", error=None),
+                LockedSlots(at=1, robot=0),
             ),
         )
 
@@ -102,7 +127,7 @@ faults:
         text = (Path(__file__).parents[2] / "docs" / "reference" / "twin.md").read_text()
         file = tmp_path / "faults.yaml"
         file.write_text(re.search(r"^```\n(schema: 1\nseed.*?)^```", text, re.MULTILINE | re.DOTALL)[1])
-        assert len(read_script(file).faults) == 9
+        assert len(read_script(file).faults) == 15
         kinds = {
             kind for row in re.findall(r"^\| (`[a-z_`, ]+`) \|", text, re.MULTILINE) for kind in re.findall(r"\w+", row)
         }
@@ -114,6 +139,14 @@ faults:
             ("{kind: flop, at: 1, robot: 0}", r"faults\[0\].kind: expected one of flip, lose, .*did you mean 'flip'\?"),
             ("{kind: flip, at: 1, robot: 0, device: rvr}", r"faults\[0\].rate: missing key"),
             ("{kind: flip, at: 1, robot: 0, device: rvr, rate: 2}", r"faults\[0\].rate: expected"),
+            (
+                "{kind: no_stream, at: 1, robot: 0, service: colour}",
+                r"faults\[0\].service: expected one of quaternion, ",
+            ),
+            (
+                "{kind: refusal, at: 1, robot: 0, command: fly}",
+                r"faults\[0\].command: expected a command of the RVR, f",
+            ),
             ("{kind: stall, at: 1, robot: 0, motor: middle}", r"faults\[0\].motor: expected one of left, right"),
             (
                 "{kind: silence, at: 1, robot: 0, device: radar}",
@@ -228,6 +261,96 @@ class TestInATwin:
         found = [(event.values["right_motor_temperature"], event.values["right_motor_status"]) for event in said]
         assert found == [(75.0, 2), (65.0, 1), (30.0, 0)]
         assert {event.values["left_motor_status"] for event in said} == {0}
+
+    def stream(self, *faults):
+        """The services of the slots, and whether they are valid, that come in the first, second and third second."""
+        talk = Talk(script=Script(faults=faults))
+        talk.send("enable_color_detection", is_enabled=True)
+        for name, target, values in streaming(["imu", "gyroscope", "color_detection", "ambient_light"], 100):
+            talk.hear("rvr", talk.host.send(name, target=target, **values))
+        talk.wait(0.05)
+        return [
+            Counter((*event.values, event.is_valid) for event in talk.wait(1.0)["rvr"] if isinstance(event, StreamData))
+            for _ in range(3)
+        ]
+
+    @pytest.mark.parametrize(
+        ("fault", "slot", "during"),
+        [
+            (NoStream(at=1.05, duration=1.0, robot=0, service="color_detection"), ("color_detection",), {}),
+            (
+                SlowStream(at=1.05, duration=1.0, robot=0, service="imu", period=0.5),
+                ("imu", "gyroscope"),
+                {("imu", "gyroscope", True): 2},
+            ),
+            (
+                InvalidStream(at=1.05, duration=1.0, robot=0, service="ambient_light"),
+                ("ambient_light",),
+                {("ambient_light", False): 10},
+            ),
+        ],
+    )
+    def test_streams(self, fault, slot, during):
+        before, meanwhile, after = self.stream(fault)
+        usual = {(*each, True): 10 for each in (("imu", "gyroscope"), ("color_detection",), ("ambient_light",))}
+        assert before == after == usual
+        del usual[*slot, True]
+        assert meanwhile == usual | during
+
+    def test_a_lamp_that_fails(self):
+        talk = Talk(script=Script(faults=(LampOff(at=1.0, duration=1.0, robot=0),)), floor="{background: white}")
+        found = []
+        talk.send("enable_color_detection", is_enabled=True)
+        for _ in range(3):
+            talk.wait(0.9)
+            (answer,) = talk.send("get_rgbc_sensor_values")
+            found.append(any(answer.values.values()))
+        assert found == [True, False, True]
+
+    def test_a_command_that_is_refused(self):
+        faults = (
+            RefusedCommand(at=0.0, robot=0, command="drive_stop", error=8),
+            RefusedCommand(at=0.0, robot=0, command="reset_yaw", error=None),
+            RefusedCommand(at=0.0, robot=0, command="configure_streaming_service", service="ambient_light"),
+        )
+        talk = Talk(script=Script(faults=faults))
+        talk.wait(0.1)
+        errors = {}
+        for name, target, values in [
+            ("drive_stop", None, {}),
+            ("reset_yaw", None, {}),
+            ("reset_locator_x_and_y", None, {}),
+            *streaming(["imu", "ambient_light"], 100),
+        ]:
+            answers = talk.hear("rvr", talk.host.send(name, target=target, reply=Flags.ANSWER, **values))
+            errors[name, target] = [answer.error for answer in answers if isinstance(answer, Response)]
+        assert errors["drive_stop", None] == [8]
+        assert errors["reset_yaw", None] == []
+        assert errors["reset_locator_x_and_y", None] == [0]
+        assert errors["configure_streaming_service", Processor.NORDIC] == [6]
+        assert errors["configure_streaming_service", Processor.ST] == [0]
+
+    def test_slots_that_are_locked_while_they_are_streamed(self):
+        talk = Talk(script=Script(faults=(LockedSlots(at=0.0, robot=0),)))
+        talk.wait(0.1)
+        (configured, *_) = streaming(["imu"], 100)
+
+        def error(name, **values):
+            (answer,) = talk.hear("rvr", talk.host.send(name, target=Processor.ST, reply=Flags.ANSWER, **values))
+            return answer.error
+
+        assert error(configured[0], **configured[2]) == 0
+        assert error("start_streaming_service", period=100) == 0
+        talk.send("disable_notifications_and_active_commands")
+        assert len(talk.wait(1.0)["rvr"]) == 10
+        assert error(configured[0], **configured[2]) == 4
+        assert error("clear_streaming_service") == 4
+        assert error("stop_streaming_service") == 0
+        assert error("clear_streaming_service") == 0
+        assert error(configured[0], **configured[2]) == 0
+
+    def test_services_are_those_of_the_rvr(self):
+        assert set(get_args(Service)) == SERVICES.keys()
 
     def test_a_drive_to_a_position_ends_when_the_port_is_closed(self):
         """No time ends it; one that began before must not go on for nobody."""

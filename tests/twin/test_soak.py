@@ -24,9 +24,8 @@ import yaml
 
 from mercator_design.errors import RobotError
 from mercator_design.fsm import parse
-from mercator_design.robot.devices.settings import Limits
+from mercator_design.robot.devices.settings import COMMANDS_END, Limits
 from mercator_design.robot.logs.log import replay
-from mercator_design.robot.run.mercator import COMMANDS_END
 from mercator_design.robot.run.network import HEARTBEAT, STOP, Speaker
 from mercator_design.twin.faults import Battery, LineFault, PortLoss, read_script
 from tests.robot.ways import ALL

@@ -47,7 +47,7 @@ def color(colours: tuple[ColourName, ...], robot: Path | None, seconds: float) -
     names = dict.fromkeys(colours or settings.labels or _USUAL)
     if robot is not None:
         check_changeable(robot, labels=dict.fromkeys(names, (0, 0, 0)))
-    with Signals().caught(), ground_sensor(settings.ports) as sensor:
+    with Signals().caught(), ground_sensor(settings) as sensor:
         labels = ground_calibration.calibrate(
             sensor, names, kept, seconds, partial(ask, meanwhile=sensor.attend), print_message
         )

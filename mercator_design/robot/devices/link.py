@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from mercator_design.errors import RobotError
+from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.protocols import multiflex, rvr, ydlidar
@@ -70,6 +70,7 @@ class Link:
     lines: The lines by device.
     answers: Counts of the RVR's answers to commands of `encode_counted`.
     is_ending: Whether a line may be lost without an error.
+    understood: When the latest event came that was understood [s], by device.
     """
 
     def __init__(self, lines: Iterable[Line]) -> None:
@@ -85,7 +86,7 @@ class Link:
         self._heard: deque[Heard] = deque()  # not yielded by `poll` yet
         self.answers = Answers()
         self.is_ending = False
-        self._understood: set[DeviceName] = set()
+        self.understood: dict[DeviceName, float] = {}
         self._sent = b""  # the latest bytes to the RVR
         self._is_joined = False  # whether the RVR's port receives what it sends
 
@@ -116,6 +117,28 @@ class Link:
             RobotError: if it does not answer, or refuses.
             RobotStopped: if a port is lost.
         """
+        response = self.request(name, target, **values)
+        if response.error:
+            refused = f"{name} was refused: {words(response.error)}"
+            raise RobotError(f"rvr: {refused}; switch it off and on (rvr on {self.lines['rvr'].port})")
+        return response.values
+
+    def refusal(self, name: str, target: Processor | None = None, /, **values: Value) -> str:
+        """As `ask`, of a command that is not needed: return why the RVR does not obey it; empty if it does.
+
+        Raises:
+            RobotStopped: if a port is lost.
+        """
+        try:
+            response = self.request(name, target, **values)
+        except RobotStopped:
+            raise
+        except RobotError:
+            return "no answer"
+        return words(response.error) if response.error else ""
+
+    def request(self, name: str, target: Processor | None = None, /, **values: Value) -> Response:
+        """As `ask`, but return also a refusal."""
         asked: set[int] = set()
 
         def command() -> bytes:
@@ -127,10 +150,7 @@ class Link:
             response = self.exchange("rvr", command, Response, lambda response: response.seq in asked)
             if response.error not in DAMAGED:
                 break
-        if response.error:
-            refused = f"{name} was refused: {words(response.error)}"
-            raise RobotError(f"rvr: {refused}; switch it off and on (rvr on {self.lines['rvr'].port})")
-        return response.values
+        return response
 
     def exchange(
         self,
@@ -158,12 +178,19 @@ class Link:
         """What to check if too many bytes to or from a device are damaged, and its port."""
         return f"{_DAMAGED_LINE[device]} ({device} on {self.lines[device].port})"
 
+    def stream_remedy(self) -> str:
+        """What to check if the RVR is heard, but does not stream a sensor as it should, and its port."""
+        return (
+            "the RVR itself is heard: switch it off and on, or update it with the app Sphero Edu; `mercator-robot "
+            f"check` reports what it streams, and rvr.period in robot.yaml how often (rvr on {self.lines['rvr'].port})"
+        )
+
     def _remedy(self, device: DeviceName) -> str:
         if device == "rvr" and self._is_joined:
             return _JOINED
-        remedy = (_HEARD_BEFORE if device in self._understood else _NEVER_HEARD)[device]
+        remedy = (_HEARD_BEFORE if device in self.understood else _NEVER_HEARD)[device]
         lost = self._decoders[device].counts.lost
-        if lost <= (_MUCH if device in self._understood else 0):
+        if lost <= (_MUCH if device in self.understood else 0):
             return remedy
         return f"{remedy} ({lost} bytes from it make no sense: {_FOREIGN[device]})"
 
@@ -227,7 +254,7 @@ class Link:
         now = time.monotonic()
         for event in self._decoders[line.device].receive(data):
             if not isinstance(event, Unknown):
-                self._understood.add(line.device)
+                self.understood[line.device] = now
             elif event.frame.encode() in self._sent:
                 self._is_joined = True
             if isinstance(event, Response):

@@ -53,7 +53,10 @@ _CONVERT: Mapping[str, tuple[str, Callable[[Mapping[str, float]], tuple[float, .
 }
 
 STREAMED = tuple(_CONVERT)
-"""The services that the RVR is asked to stream."""
+"""The services of the RVR that are sensors."""
+SERVICE_OF: Mapping[str, str] = {name: service for service, (name, _) in _CONVERT.items()}
+"""The service of each sensor of the RVR, by a name of `FIELDS`."""
+_MAX_TURNING_AGE = 0.5  # [s] between an attitude and a rate of turning that still tells how it goes on
 
 
 def converted(event: Event) -> Iterator[tuple[str, tuple[float, ...]]]:
@@ -69,10 +72,23 @@ def converted(event: Event) -> Iterator[tuple[str, tuple[float, ...]]]:
                 yield "proximity", tuple(metres)
 
 
+def invalid(event: Event) -> tuple[str, ...]:
+    """The sensors whose samples in an event are invalid, as the RVR says, by names of `FIELDS`."""
+    match event:
+        case StreamData(is_valid=False):
+            return tuple(_CONVERT[service][0] for service in event.values)
+    return ()
+
+
 def heading(latest: Mapping[str, Sample], time: float) -> float:
-    """The robot's heading [rad] at a time [s] close to that of its latest attitude; 0 before the first sample."""
-    if not {"attitude", "turning"} <= latest.keys():
+    """The robot's heading [rad] at a time [s] close to that of its latest attitude; 0 before the first sample.
+
+    An RVR may stream no gyroscope; then it is that of the latest attitude.
+    """
+    if "attitude" not in latest:
         return 0.0
     came, (_, _, yaw) = latest["attitude"]
+    if "turning" not in latest or came - latest["turning"].time > _MAX_TURNING_AGE:
+        return yaw
     _, (_, _, turning) = latest["turning"]
     return yaw + turning * (time - came)

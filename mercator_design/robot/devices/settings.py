@@ -27,8 +27,10 @@ Share = Annotated[float, Range(0.0, 1.0)]
 
 CONTROL_PERIOD = 0.1
 """[s] of a control cycle; the default of missions."""
+COMMANDS_END = 0.3
+"""[s] without a command after which the RVR stops by itself, for example if this program has died; the default."""
 
-# The RVR streams every 0.05 s, and a control loop that gives no command for 0.18 s has stalled.
+# Readings are no newer than the RVR's streams, and a control loop that gives no command for 0.18 s has stalled.
 _PERIOD = Annotated[float, Range(0.05, 0.12)]
 _RING = tuple(eighths * math.pi / 4.0 for eighths in (1, 0, -1, -2, -3, 4, 3, 2))
 """Angles of the proximity sensors in the robot model mercator."""
@@ -38,11 +40,21 @@ _MEMORY = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 
 
 @dataclass(frozen=True, kw_only=True)
+class RvrSettings:
+    """What the RVR is set to."""
+
+    period: Annotated[float, Range(0.033, 1.0)] = 0.05  # [s] from one streamed sample of a sensor to the next
+    timeout: Annotated[float, Range(0.2, 2.0)] = (
+        COMMANDS_END  # [s] without a command after which the RVR stops by itself
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Limits:
     """The limits beyond which the robot stops."""
 
     speed: Speed = 0.3  # [m/s] speed of a tread at full speed, unless fsm.txt has a lower one
-    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] maximum age of the RVR's samples, which come every 0.05 s
+    rvr: Annotated[float, Range(0.1, 10.0)] = 0.25  # [s] maximum age of the RVR's samples; 2 of its periods or more
     proximity: Age = 0.5  # [s] maximum age of the hub's distances, which come 6 times a second
     lidar: Age = 0.6  # [s] maximum time since the lidar's last turn; it makes 5 to 12 a second
     rvr_whole: Share = 0.8  # minimum share of the RVR's bytes that arrive whole, and of commands that it answers
@@ -56,7 +68,10 @@ class Limits:
         5.0  # [s] for which the lidar may see nothing, of twice that time; null: for ever
     )
     stall: Annotated[float, Range(0.1, 60.0)] = 3.0  # [s] maximum time for which a tread may be stuck
-    unending_commands: bool = False  # whether to run if the RVR reports that it drives on without commands for 0.3 s
+    dark: Annotated[float, Range(0.1, 60.0)] | None = (
+        0.5  # [s] of ground samples 0, 0, 0 after which the ground counts as not seen; null: they are always black
+    )
+    unending_commands: bool = False  # whether to run if the RVR reports that it drives on without commands
 
     def __post_init__(self) -> None:
         if self.battery_low < self.battery_critical:
@@ -119,6 +134,7 @@ class Settings(FromFile):
     schema: Literal[1] = 1  # version of this format
     name: Name = "mercator"  # of the robot, in logs and answers
     ports: PortNames = PortNames()
+    rvr: RvrSettings = RvrSettings()
     limits: Limits = Limits()
     labels: Mapping[ColourName, Levels] | None = None  # what the ground sensor reads on each colour; null: the colour
     missions: Mapping[str, Annotated[tuple[ColourName, ...], Length(1)]] | None = (
@@ -132,11 +148,15 @@ class Settings(FromFile):
     reference_model: ReferenceModel = ReferenceModel()
 
     def __post_init__(self) -> None:
-        checked(
+        wrong = [
             FieldError(f"reference_model.{name}", "expected 0, as this robot has no memory")
             for name in _MEMORY
             if getattr(self.reference_model, name) != 0.0
-        )
+        ]
+        if self.limits.rvr < 2.0 * self.rvr.period:
+            expected = f"expected at least twice rvr.period, {2.0 * self.rvr.period:g} s"
+            wrong.append(FieldError("limits.rvr", f"{expected}, found {self.limits.rvr:g}"))
+        checked(wrong)
 
     def labels_of(self, header: Mapping[str, str]) -> dict[ColourName, RGB]:
         """What the ground sensor reads on each colour of the floor in the header of an fsm.txt; without it, on all.

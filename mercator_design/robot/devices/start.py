@@ -1,13 +1,16 @@
 """Start-up of each device, with its identity and health, and its shut-down."""
 
 import contextlib
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import NamedTuple, TypeVar
 
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.robot.devices.health import charge
-from mercator_design.robot.devices.link import ANSWER_WAIT, Link
+from mercator_design.robot.devices.link import ANSWER_WAIT, Heard, Link
+from mercator_design.robot.devices.settings import Settings
+from mercator_design.robot.devices.streams import end_streaming
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import Acknowledgement, Distances
 from mercator_design.robot.protocols.rvr import Notification
@@ -20,19 +23,30 @@ _DISTANCES_WAIT = 0.5  # [s] for distances of the hub, which come 6 times a seco
 _STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
 WAKE_WAIT = 2.0  # [s] for the RVR to wake up
+UNKNOWN = "not known"
+"""What is said of a fact that a device refuses to tell."""
+_NOTIFICATIONS = ("battery_voltage_state_change", "motor_fault", "motor_stall", "motor_thermal_protection_status")
+DRIVE = "drive_tank_si_units"
+"""The command that drives."""
+_STOPPED = "robot_has_stopped"
+_TANK, _BRAKING = 2, 0  # controllers of the drive
+MOTOR_QUERIES = ("get_motor_thermal_protection_status", "get_motor_fault_state")
 
 
 class RvrIdentity(NamedTuple):
-    """Firmware and battery of an RVR."""
+    """Firmware and battery of an RVR; what it refuses to tell is missing."""
 
     firmware: Mapping[Processor, tuple[int, int, int]]  # major and minor number and revision
-    battery: int  # [%] of charge
+    battery: int | None  # [%] of charge
     battery_state: int  # 0 unknown, 1 good, 2 low, 3 critical
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
-        versions = {firmware_name(of): ".".join(map(str, version)) for of, version in self.firmware.items()}
-        return versions | {"battery": charge(self.battery)}
+        versions = {
+            firmware_name(of): ".".join(map(str, self.firmware[of])) if of in self.firmware else UNKNOWN
+            for of in Processor
+        }
+        return versions | {"battery": UNKNOWN if self.battery is None else charge(self.battery)}
 
 
 class LidarIdentity(NamedTuple):
@@ -101,10 +115,75 @@ def wake_rvr(link: Link) -> RvrIdentity:
     link.wait_for(Notification, lambda notification: notification.name == "did_wake", WAKE_WAIT)
     firmware = {}
     for processor in Processor:
-        version = link.ask("get_main_application_version", processor)
-        firmware[processor] = version["major"], version["minor"], version["revision"]
-    state = link.ask("get_battery_voltage_state")["state"]
-    return RvrIdentity(firmware, link.ask("get_battery_percentage")["percentage"], state)
+        version = link.request("get_main_application_version", processor).values  # both must answer, or refuse
+        if version:
+            firmware[processor] = version["major"], version["minor"], version["revision"]
+    state = link.request("get_battery_voltage_state").values.get("state", 0)
+    return RvrIdentity(firmware, link.request("get_battery_percentage").values.get("percentage"), state)
+
+
+def secure_rvr(link: Link, timeout: float) -> None:
+    """Check that the RVR stops when it is told to, and let its commands end after a time [s].
+
+    Raises:
+        RobotError: if it refuses; then it must not drive.
+    """
+    link.ask("drive_stop")
+    link.ask("set_custom_control_system_timeout", command_timeout=round(1000 * timeout))
+
+
+def commands_end(
+    link: Link, settings: Settings, drive: Callable[[], None], attend: Callable[[float], Iterable[Heard]]
+) -> bool:
+    """Whether a drive command is seen to end by itself after the time that was set.
+
+    The maker's documents do not say what the RVR answers then: only an answer that it still drives is an error.
+
+    Args:
+        link: The link to the RVR.
+        settings: The robot's settings.
+        drive: Sends a drive command of speed zero.
+        attend: Reads the devices until a time [s], and returns their events.
+
+    Raises:
+        RobotError: if the RVR reports that it still drives, and the settings do not permit that.
+    """
+    timeout = settings.rvr.timeout
+    drive()
+    sent = time.monotonic()
+    first = _controller(link)
+    attend(sent + 0.5 * timeout)  # a stop until then is due to the speed of zero
+    heard = attend(sent + timeout + 0.1)
+    has_stopped = any(isinstance(event, Notification) and event.name == _STOPPED for event, _ in heard)
+    last = _controller(link)
+    if has_stopped or (first, last) == (_TANK, _BRAKING):
+        return True
+    if settings.limits.unending_commands or not first == last == _TANK:
+        return False
+    attend(sent + 2.0 * timeout)  # this computer, or the line, may have been late
+    if _controller(link) == _TANK:
+        raise RobotError(
+            f"rvr: it reports that a drive command does not end after {timeout:g} s, so it would drive on if "
+            "this program died; update its firmware, or permit this with limits.unending_commands in robot.yaml"
+        )
+    return False
+
+
+def _controller(link: Link) -> int | None:
+    """The active controller of the RVR's drive; None if it does not answer."""
+    try:
+        return link.request("get_active_control_system_id").values.get("controller_id")
+    except RobotStopped:
+        raise
+    except RobotError:
+        return None
+
+
+def watch_rvr(link: Link) -> dict[str, str]:
+    """Let the RVR report on its battery and motors, and ask after them; return why it refuses, by command."""
+    whys = {f"enable_{name}_notify": link.refusal(f"enable_{name}_notify", is_enabled=True) for name in _NOTIFICATIONS}
+    whys |= {name: link.refusal(name) for name in MOTOR_QUERIES}
+    return {name: why for name, why in whys.items() if why}
 
 
 def halt(link: Link) -> bytes:
@@ -199,8 +278,3 @@ def start_hub(link: Link) -> str:
         if link.wait_for(Distances, lambda _: True, _DISTANCES_WAIT) is None:
             raise failure
     return doubt
-
-
-def end_streaming(link: Link) -> None:
-    for processor in Processor:
-        link.send_command("clear_streaming_service", processor)

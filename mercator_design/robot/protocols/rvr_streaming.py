@@ -5,7 +5,7 @@ So both ends keep the configurations in `Slots` (SDK for Raspberry Pi 1.0.0).
 """
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -78,18 +78,31 @@ def streaming(services: Iterable[str], period: int) -> Iterator[tuple[str, Proce
     if period < MIN_PERIOD:
         raise ProtocolError(f"period: expected at least {MIN_PERIOD} ms, found {period}")
     for processor in Processor:
-        for slot in _SLOTS:
-            entries = [
-                _ENTRY.pack(service.id, _SIZES.index(service.size))
-                for service in map(SERVICES.__getitem__, services)
-                if service.slot == slot and processor in service.processors
-            ]
-            if len(entries) > MAX_SERVICES:
-                raise ProtocolError(f"slot {slot}: expected at most {MAX_SERVICES} services, found {len(entries)}")
-            if entries:
-                yield "configure_streaming_service", processor, {"token": slot, "configuration": b"".join(entries)}
+        for slot, names in slots_of(processor, services).items():
+            yield "configure_streaming_service", processor, configuration(slot, names)
     for processor in Processor:
         yield "start_streaming_service", processor, {"period": period}
+
+
+def slots_of(processor: Processor, services: Iterable[str]) -> dict[int, list[str]]:
+    """The slots of a processor for services, as in the SDK; each slot has its services in the given order."""
+    slots: dict[int, list[str]] = {}
+    for name in services:
+        if processor in SERVICES[name].processors:
+            slots.setdefault(SERVICES[name].slot, []).append(name)
+    return dict(sorted(slots.items()))
+
+
+def configuration(slot: int, services: Sequence[str]) -> dict[str, Any]:
+    """The values of the command that configures a slot.
+
+    Raises:
+        ProtocolError: if it has too many services.
+    """
+    if len(services) > MAX_SERVICES:
+        raise ProtocolError(f"slot {slot}: expected at most {MAX_SERVICES} services, found {len(services)}")
+    entries = [_ENTRY.pack(SERVICES[name].id, _SIZES.index(SERVICES[name].size)) for name in services]
+    return {"token": slot, "configuration": b"".join(entries)}
 
 
 class Slots:
@@ -103,7 +116,7 @@ class Slots:
         if command == "clear_streaming_service":
             self._sizes = {slot: sizes for slot, sizes in self._sizes.items() if slot[0] != processor}
         elif command == "configure_streaming_service":
-            sizes = _sizes(bytes(values["configuration"]))
+            sizes = sizes_in(bytes(values["configuration"]))
             here = all(processor in SERVICES[name].processors for name in sizes)
             if values["token"] not in _SLOTS or not 0 < len(sizes) <= MAX_SERVICES or not here:
                 return False
@@ -142,7 +155,7 @@ class Slots:
         return {"token": data.slot | (0 if data.is_valid else _INVALID), "sensor_data": b"".join(integers)}
 
 
-def _sizes(configuration: bytes) -> dict[str, int]:
+def sizes_in(configuration: bytes) -> dict[str, int]:
     """Bytes of the integers of each service in a configuration; empty if an entry is not valid."""
     entries = [configuration[i : i + _ENTRY.size] for i in range(0, len(configuration), _ENTRY.size)]
     asked = [_ENTRY.unpack(entry) for entry in entries if len(entry) == _ENTRY.size]

@@ -70,6 +70,12 @@ def illuminance(seconds: float, light: Sample) -> Fields:
     return {"header": header(seconds), "illuminance": light.values[0]}
 
 
+IMU = frozenset({"attitude", "turning", "acceleration"})
+"""The samples in an Imu."""
+ODOMETRY = frozenset({"position", "orientation", "velocity", "turning"})
+"""The samples in an Odometry."""
+
+
 def imu(seconds: float, samples: Mapping[str, Sample]) -> Fields:
     """An Imu: orientation, angular velocity [rad/s], acceleration [m/s2]."""
     roll, pitch, yaw = samples["attitude"].values

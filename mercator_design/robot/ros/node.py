@@ -6,12 +6,13 @@ import math
 import threading
 import time
 import xmlrpc.client
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
 from mercator_design.config.colours import COLOURS, Levels
 from mercator_design.errors import RobotError
+from mercator_design.robot.devices.samples import SERVICE_OF, Sample
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.sweep import Sweep
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
@@ -19,7 +20,6 @@ from mercator_design.robot.protocols.ydlidar import Packet
 from mercator_design.robot.ros import messages
 from mercator_design.robot.ros.messages import LEDS, MADE_HERE, OBEYED, PUBLISHED, WHEELS, Fields
 from mercator_design.robot.run.control import in_control
-from mercator_design.robot.run.mercator import PERIOD
 from mercator_design.robot.run.safety import Brake, raise_priority
 from mercator_design.robot.run.senses import DEVICE_OF, Senses
 
@@ -38,7 +38,7 @@ _LIGHTS_OF = (
     ("brakelight_left", "brakelight_right"),
 )
 """The lamps of each colour in an rvr_ros/Leds."""
-_RVR_SAMPLES = {"ground", "ambient_light", "attitude", "turning", "acceleration", "orientation", "position", "velocity"}
+_PERIOD = 0.05  # [s] of its cycles
 _MASTER_CHECK_EVERY = 0.5  # [s]
 MASTER_WAIT = 2.0  # [s] for the master's answer
 REGISTER_WAIT = 5.0  # [s] for registering at the master; ROS's client would try without end
@@ -239,15 +239,9 @@ class Reports:
     def due(self, now: float, ros_now: float) -> Iterator[tuple[str, Fields]]:
         """Topics and messages that are due at a time [s], which is `ros_now` by ROS's clock."""
         samples, later = self._senses.samples, ros_now - now
-        if now >= self._due and samples.keys() >= _RVR_SAMPLES:
+        if now >= self._due and "attitude" in samples:
             self._due = max(self._due + self._period, now)
-            light = samples["ambient_light"]
-            red, green, blue = samples["ground"].values
-            yield "rvr/ground_color", messages.colour((red, green, blue))
-            yield "rvr/fixed_color", messages.colour(COLOURS[self._senses.label()])
-            yield "rvr/ambient_light", messages.illuminance(later + light.time, light)
-            yield "rvr/imu", messages.imu(later + samples["attitude"].time, samples)
-            yield "rvr/odom", messages.odometry(later + samples["position"].time, samples)
+            yield from self._of_rvr(samples, later)
         before, self._turned = self._turned, samples["lidar"].time
         if self._sweep.is_whole and math.isfinite(before) and before < self._turned:
             yield "scan", messages.scan(later + before, self._sweep.ranges(), self._turned - before)
@@ -255,6 +249,20 @@ class Reports:
         if before < self._measured:
             distances = samples["proximity"].values
             yield "ranges", messages.range_array(later + self._measured, distances, self._namespace)
+
+    def _of_rvr(self, samples: Mapping[str, Sample], later: float) -> Iterator[tuple[str, Fields]]:
+        """The messages of the RVR's sensors; one of a sensor that it does not stream is left out."""
+        if "ground" in samples:
+            red, green, blue = samples["ground"].values
+            yield "rvr/ground_color", messages.colour((red, green, blue))
+            yield "rvr/fixed_color", messages.colour(COLOURS[self._senses.label()])
+        if "ambient_light" in samples:
+            light = samples["ambient_light"]
+            yield "rvr/ambient_light", messages.illuminance(later + light.time, light)
+        if samples.keys() >= messages.IMU:
+            yield "rvr/imu", messages.imu(later + samples["attitude"].time, samples)
+        if samples.keys() >= messages.ODOMETRY:
+            yield "rvr/odom", messages.odometry(later + samples["position"].time, samples)
 
 
 def serve(settings: Settings, node: RosNode, rate: float, silence: float, report: Callable[[str], None]) -> None:
@@ -270,7 +278,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
     Raises:
         RobotError, RobotStopped, Signalled: as `in_control`.
     """
-    with in_control(settings, DEVICE_OF, settings.labels_of({}), None) as control:
+    with in_control(settings, DEVICE_OF, settings.labels_of({}), None, extra=SERVICE_OF) as control:
         robot = control.robot
         robot.introduce(report)
         sweep = Sweep(settings.lidar_angle, settings.lidar.blind)  # in the robot's frame
@@ -279,7 +287,7 @@ def serve(settings: Settings, node: RosNode, rate: float, silence: float, report
         node.obey(robot.brake, orders)
         report(f"{node.name} runs; the wheels turn from the second message on {WHEELS}")
         control.arm()
-        for now in control.cycles(PERIOD):
+        for now in control.cycles(_PERIOD):
             for event, _ in control.heard:
                 if isinstance(event, Packet):
                     sweep.add(event)

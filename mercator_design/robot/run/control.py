@@ -133,6 +133,7 @@ def in_control(
     labels: Mapping[ColourName, RGB],
     log: Log | None,
     without: Collection[DeviceName] = (),
+    extra: Collection[str] = (),
 ) -> Iterator[Control]:
     """Start a robot up and control it; its watchdog is not armed yet.
 
@@ -144,6 +145,7 @@ def in_control(
         labels: What the ground sensor reads on each colour of the floor.
         log: The log; its first event is written by the caller, after the start-up.
         without: Devices that are not used.
+        extra: Further sensors of the RVR, of samples.FIELDS, which it streams if it can.
 
     Raises:
         RobotStopped: if something stopped the wheels, naming it.
@@ -154,7 +156,7 @@ def in_control(
     raise_priority(1)
     signals = Signals()
     with signals.caught(), log or contextlib.nullcontext(), open_ports(settings.ports, without) as ports:
-        robot = Mercator(settings, ports, reads, labels)
+        robot = Mercator(settings, ports, reads, labels, extra)
         signals.guard(robot.brake)
         watchdog = Watchdog(robot.brake, settings.swarm, settings.name)
         control = Control(robot, watchdog, log)

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -14,30 +14,34 @@ from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
 from mercator_design.robot.devices.link import Heard, Link, words
 from mercator_design.robot.devices.ports import DeviceName, Line
-from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Settings
-from mercator_design.robot.devices.start import halt, start_hub, start_lidar, stop_lidar, stop_rvr, wake_rvr
-from mercator_design.robot.protocols.rvr import Notification, Response
+from mercator_design.robot.devices.start import (
+    DRIVE,
+    MOTOR_QUERIES,
+    commands_end,
+    halt,
+    secure_rvr,
+    start_hub,
+    start_lidar,
+    stop_lidar,
+    stop_rvr,
+    wake_rvr,
+    watch_rvr,
+)
+from mercator_design.robot.devices.streams import start_streams
+from mercator_design.robot.protocols.rvr import Response
 from mercator_design.robot.protocols.rvr_messages import DAMAGED, lights
-from mercator_design.robot.protocols.rvr_streaming import streaming
 from mercator_design.robot.run.monitor import Monitor, Note, Notes
 from mercator_design.robot.run.safety import Brake
 from mercator_design.robot.run.senses import Senses, Stale
 
-COMMANDS_END = 0.3
-"""[s] without a command after which the RVR stops by itself, for example if this program has died."""
-PERIOD = 0.05
-"""[s] of the RVR's streaming."""
 QUERY_EVERY = 1.0
 """[s] between queries of battery and motors."""
 
 START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor takes a few
 _CHECK_EVERY = 0.01  # [s] between checks whether they have come
 _SHOW_EVERY = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
-_DRIVE, _STOPPED = "drive_tank_si_units", "robot_has_stopped"
-_MOTOR_QUERIES = ("get_motor_thermal_protection_status", "get_motor_fault_state")
-_QUERIES = ("get_battery_voltage_state", "get_battery_percentage", *_MOTOR_QUERIES)
-_TANK, _BRAKING = 2, 0  # controllers of the drive
+_QUERIES = ("get_battery_voltage_state", "get_battery_percentage", *MOTOR_QUERIES)
 
 
 class Mercator:
@@ -56,6 +60,7 @@ class Mercator:
         ports: Mapping[DeviceName, serial.Serial],
         reads: Iterable[str],
         labels: Mapping[ColourName, RGB],
+        extra: Collection[str] = (),
     ) -> None:
         """Make the robot; nothing is sent yet.
 
@@ -64,6 +69,7 @@ class Mercator:
             ports: The open ports of its devices.
             reads: The senses that are needed, of modules.SENSES; the robot stops if one of them is stale.
             labels: What the ground sensor reads on each colour of the floor.
+            extra: Further sensors of the RVR, of samples.FIELDS, which it streams if it can.
 
         Raises:
             RobotError: if the robot lacks a sense.
@@ -71,6 +77,8 @@ class Mercator:
         self.senses = Senses(settings, reads, labels)
         self._link = Link(Line(device, port) for device, port in ports.items())
         self._settings = settings
+        self._extra = extra
+        self._refused: dict[str, str] = {}  # what the RVR does not do and the robot can do without, and why
         self._do_commands_end = False
         self._queried = -math.inf
         self._shown: tuple[float, Mapping[str, Levels]] | None = None
@@ -88,7 +96,8 @@ class Mercator:
         facts = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in self.facts.items())
         report(f"{self._settings.name}: {facts}")
         if not self._do_commands_end:
-            report(f"Warning: not confirmed that the RVR stops by itself {COMMANDS_END:g} s after the last command")
+            timeout = self._settings.rvr.timeout
+            report(f"Warning: not confirmed that the RVR stops by itself {timeout:g} s after the last command")
         for doubt in self._doubts:
             report(f"Warning: {doubt}")
             self.notes.add(Note(doubt))
@@ -114,7 +123,7 @@ class Mercator:
             taken.append(heard)
             self.senses.take(*heard)
             self._add_notes(self.monitor.take(heard.event))
-            if isinstance(heard.event, Response) and heard.event.name == _DRIVE and heard.event.error:
+            if isinstance(heard.event, Response) and heard.event.name == DRIVE and heard.event.error:
                 self._refuse_drive(heard.event.error)
         self._add_notes(self.monitor.check(time.monotonic(), self._link.counts()))
         return taken
@@ -150,11 +159,23 @@ class Mercator:
 
     def stale(self, now: float) -> dict[str, str]:
         """A message for each sample that is needed and too old at a time [s], by name."""
-        return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in self.senses.stale(now).items()}
+        return self._messages(self.senses.stale(now))
+
+    def _not_fit(self, now: float) -> dict[str, str]:
+        """The same, also for each that comes too seldom."""
+        return self._messages(self.senses.slow() | self.senses.stale(now))
+
+    def _messages(self, stale: Mapping[str, Stale]) -> dict[str, str]:
+        return {name: f"{name}: {found.words}; {self._remedy(found)}" for name, found in stale.items()}
 
     def _remedy(self, found: Stale) -> str:
-        remedy = self._link.damage_remedy if found.is_damaged else self._link.remedy
-        return found.remedy or remedy(found.device)
+        if found.is_damaged:
+            return self._link.damage_remedy(found.device)
+        if found.device == "rvr":
+            heard, later = self._link.understood.get("rvr", -math.inf), 0.5 * self._settings.limits.rvr
+            if heard > found.since + later:
+                return self._link.stream_remedy()
+        return found.remedy or self._link.remedy(found.device)
 
     def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
         """Turn the treads at fractions of their maximum speed; a dry run leaves them at rest.
@@ -172,7 +193,8 @@ class Mercator:
         if time.monotonic() - self._queried > QUERY_EVERY:
             self._queried = time.monotonic()
             for name in _QUERIES:
-                self._link.send("rvr", self._link.encode_counted(name))
+                if name not in self._refused:
+                    self._link.send("rvr", self._link.encode_counted(name))
 
     def show(self, colours: Mapping[str, Levels]) -> None:
         """Set the colours of lamps, of rvr_messages.LIGHTS."""
@@ -201,18 +223,12 @@ class Mercator:
         link = self._link
         self.facts |= wake_rvr(link).words()
         self._queried = time.monotonic()
-        link.ask("set_custom_control_system_timeout", command_timeout=round(1000 * COMMANDS_END))
+        secure_rvr(link, self._settings.rvr.timeout)
         self._watch_commands_end()
-        link.ask("enable_battery_voltage_state_change_notify", is_enabled=True)
-        for notify in ("motor_fault", "motor_stall", "motor_thermal_protection_status"):
-            link.ask(f"enable_{notify}_notify", is_enabled=True)
-        for question in _MOTOR_QUERIES:
-            link.ask(question)
-        link.ask("reset_yaw")
-        link.ask("reset_locator_x_and_y")
-        link.ask("enable_color_detection", is_enabled=True)
-        for name, processor, values in streaming(STREAMED, round(1000 * PERIOD)):
-            link.ask(name, processor, **values)
+        self._refused = watch_rvr(link)
+        self._start_sensors()
+        for what, why in self._refused.items():
+            self.notes.add(Note(f"rvr: it does without {what.replace('_', ' ')}: {why}", matters=True))
         self.attend(time.monotonic())  # the lidar does not start with a critical battery
         if "lidar" in link.lines:
             lidar = start_lidar(link)
@@ -221,6 +237,19 @@ class Mercator:
         if "proximity" in link.lines and (doubt := start_hub(link)):
             self._doubts.append(f"proximity: {doubt}")
         self._await_samples()
+
+    def _start_sensors(self) -> None:
+        """Light the lamp of the ground sensor, and let the RVR stream what is needed, and what it can besides."""
+        link, needed = self._link, self.senses.needed_of_rvr
+        optional = [*self.senses.wanted_of_rvr, *self._extra]
+        for command in ("reset_yaw", "reset_locator_x_and_y"):  # readings do not depend on them, but the log does
+            if why := link.refusal(command):
+                self._refused[command] = why
+        if "ground" in needed:
+            link.ask("enable_color_detection", is_enabled=True)
+        elif "ground" in optional and (why := link.refusal("enable_color_detection", is_enabled=True)):
+            self._refused["enable_color_detection"] = why
+        self._refused |= start_streams(link, needed, optional, self._settings.rvr.period)
 
     def sense_anew(self) -> None:
         """Read what has come, and wait for fresh samples of all senses that are needed.
@@ -235,48 +264,22 @@ class Mercator:
     def _await_samples(self) -> None:
         """Wait for a fresh sample of each sense that is needed."""
         self.attend(time.monotonic())
-        self.senses.forget()  # samples from the start-up may be old
+        self.senses.forget(time.monotonic())  # samples from the start-up may be old
         self.monitor.forget()
         end = time.monotonic() + START_LIMIT
-        while (stale := self.stale(now := time.monotonic())) and now < end:
+        while ((stale := self._not_fit(now := time.monotonic())) or self.senses.may_be_dark) and now < end:
+            self.query()  # the answers show whether the RVR is there
             self.attend(now + _CHECK_EVERY)
         for why in stale.values():
             raise RobotError(why)
 
     def _watch_commands_end(self) -> None:
-        """Check that a drive command, of speed zero, ends by itself after the time that was set.
-
-        The maker's documents do not say what the RVR answers then: only an answer that it still drives is an error.
-
-        Raises:
-            RobotError: if it reports that it still drives, and the settings do not permit that.
-        """
-        self.brake.drive(0.0, 0.0)
-        sent = time.monotonic()
-        first = self._controller()
-        self.attend(sent + 0.5 * COMMANDS_END)  # a stop until then is due to the speed of zero
-        heard = self.attend(sent + COMMANDS_END + 0.1)
-        has_stopped = any(isinstance(event, Notification) and event.name == _STOPPED for event, _ in heard)
-        last = self._controller()
-        self._do_commands_end = has_stopped or (first, last) == (_TANK, _BRAKING)
-        self.facts["commands_end"] = f"seen after {COMMANDS_END:g} s" if self._do_commands_end else "not seen"
-        if self._do_commands_end or self._settings.limits.unending_commands or not first == last == _TANK:
-            return
-        self.attend(sent + 2.0 * COMMANDS_END)  # this computer, or the line, may have been late
-        if self._controller() == _TANK:
-            raise RobotError(
-                f"rvr: it reports that a drive command does not end after {COMMANDS_END:g} s, so it would drive on if "
-                "this program died; update its firmware, or permit this with limits.unending_commands in robot.yaml"
-            )
-
-    def _controller(self) -> int | None:
-        """The active controller of the RVR's drive; None if it does not answer."""
-        try:
-            return int(self._link.ask("get_active_control_system_id")["controller_id"])
-        except RobotStopped:
-            raise
-        except RobotError:
-            return None
+        """Check that a drive command ends by itself; errors are those of `commands_end` and `attend`."""
+        self._do_commands_end = commands_end(
+            self._link, self._settings, lambda: self.brake.drive(0.0, 0.0), self.attend
+        )
+        seen = f"seen after {self._settings.rvr.timeout:g} s"
+        self.facts["commands_end"] = seen if self._do_commands_end else "not seen"
 
     def _drive_command(self, left: float, right: float) -> bytes:
-        return self._link.encode_counted(_DRIVE, left_velocity=left, right_velocity=right)
+        return self._link.encode_counted(DRIVE, left_velocity=left, right_velocity=right)

@@ -22,6 +22,10 @@ from mercator_design.robot.protocols.rvr import Notification, Response
 from mercator_design.robot.run.senses import Senses
 
 _MAX_WAITING = 100
+_DARK = (
+    "it reads nothing but 0, 0, 0, which counts as not seen (white), not as black: is the lamp below the robot on, and "
+    "is the robot on the floor? If its black floor reads so, set limits.dark: null in robot.yaml"
+)
 
 
 class Note(NamedTuple):
@@ -76,6 +80,7 @@ class Monitor:
         self._senses, self._answers, self._remedy = senses, answers, damage_remedy
         self._rvr = RvrHealth(limits)
         self._answered = LineHealth(limits.rvr_whole, ANSWERS_WINDOW, MIN_ANSWERS)
+        self._is_dark = False
 
     def take(self, event: Event) -> Iterator[Note]:
         """Take in an event; yield notes on it.
@@ -100,11 +105,14 @@ class Monitor:
             yield Note(text, matters=True)
 
     def check(self, now: float, counts: Mapping[DeviceName, Counts]) -> Iterator[Note]:
-        """Check at a time [s] the lines, with the counts of their bytes so far, the lidar's sight, and the treads.
+        """Check at a time [s] the lines, counts of bytes so far, what lidar and ground sensor see, and the treads.
 
         Raises:
             RobotStopped: if a tread is stuck for too long, or too few commands are answered.
         """
+        was_dark, self._is_dark = self._is_dark, self._senses.is_dark
+        if was_dark != self._is_dark:
+            yield Note(f"ground: {_DARK if self._is_dark else 'it is seen again'}", matters=True)
         for device, count in counts.items():
             swept = self._senses.sweep.swept
             lost, received = (swept.lost, swept.all) if device == "lidar" else (count.lost, count.received)

@@ -24,6 +24,8 @@ from mercator_design.robot.run.joint import ImmediateStart
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.robot.run.service import notify
 
+_LOGGED = ("position",)  # from which logs have the robot's way
+
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
@@ -76,7 +78,7 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
         )
     with (
         start.listening(),
-        in_control(settings, pfsm.reads, labels, log, what.without) as control,
+        in_control(settings, pfsm.reads, labels, log, what.without, _LOGGED) as control,
         ExitStack() as ending,
     ):
         ending.callback(notify, STOPPING=1, STATUS="stopped, shuts down")

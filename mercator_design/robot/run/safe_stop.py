@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 from mercator_design.robot.devices.findings import RobotFinding, check_devices
-from mercator_design.robot.devices.health import charge
 from mercator_design.robot.devices.link import Link
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import halt, stop_lidar, stop_rvr, wake_rvr
@@ -30,7 +29,7 @@ def _stop_rvr(_: Settings, link: Link) -> Iterator[RobotFinding]:
         found = wake_rvr(link)  # an RVR that sleeps refuses the rest
     finally:
         stop_rvr(link)  # also if the RVR is not heard: it may hear
-    yield RobotFinding("rvr", is_fine=True, words=f"at rest; battery {charge(found.battery)}")
+    yield RobotFinding("rvr", is_fine=True, words=f"at rest; battery {found.words()['battery']}")
 
 
 def _stop_lidar(_: Settings, link: Link) -> Iterator[RobotFinding]:

@@ -3,7 +3,7 @@
 Every command to the wheels passes the `Brake`. A stop is for good: only zeros follow in the run, and only a new run
 drives again. A `Watchdog` pulls the brake from a thread of its own if the control loop stalls, or if the swarm has to
 stop; signals pull it at once. If the program is dead, the RVR stops by itself when it has received no command for
-`COMMANDS_END` (mercator.py).
+`rvr.timeout` (settings.py).
 """
 
 import contextlib

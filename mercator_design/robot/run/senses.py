@@ -15,7 +15,7 @@ from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.robot.devices.health import LineHealth, percent
 from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.ports import DEVICES, DeviceName
-from mercator_design.robot.devices.samples import Sample, converted, heading
+from mercator_design.robot.devices.samples import SERVICE_OF, Sample, converted, heading, invalid
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.devices.sight import REMEDY, Sight
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
@@ -31,6 +31,7 @@ class Stale(NamedTuple):
 
     device: DeviceName  # that sends it
     words: str  # the fault
+    since: float = -math.inf  # [s] time of the latest sample
     is_damaged: bool = False  # whether too little of the line arrives whole
     remedy: str = ""  # what to check, if it is not the line
 
@@ -88,18 +89,29 @@ class Senses:
         needed = why_needed(set(reads), model)
         if lacking := sorted(needed.keys() - DEVICE_OF.keys()):
             raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
+        self._turns_matter = bool(needed.keys() & {"proximity", "neighbours"})
         self._needed = ["attitude", *("lidar" if sense == "neighbours" else sense for sense in sorted(needed))]
         self._settings, self._model, self._labels = settings, model, labels
         self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
         self.neighbours: list[tuple[float, float]] = []
+        self._interval: dict[str, float] = {}  # [s] between the two latest samples, by name
+        self._dark: tuple[float, float] | None = None  # [s] times of the first and the latest sample that is 0, 0, 0
         self.lines = {device: LineHealth(getattr(settings.limits, f"{device}_whole")) for device in DEVICES}
         self.sight = Sight(settings.limits.lidar_blind, settings.lidar.blind, model.lidar_nearest)
         self.forget()
 
     def take(self, event: Event, now: float) -> None:
         """Take in an event that was read at a time [s]."""
+        for name in invalid(event):
+            self._invalid[name] = self._invalid.get(name, 0) + 1
         for name, values in converted(event):
+            if name in self.samples:
+                self._interval[name] = self.age(name, now)
+            self._invalid.pop(name, None)
+            if name == "ground":
+                first = now if self._dark is None else self._dark[0]
+                self._dark = None if any(values) else (first, now)
             self.samples[name] = Sample(now, self._settings.corrected(values) if name == "proximity" else values)
             if name == "proximity":
                 self._faced = heading(self.samples, now)
@@ -111,23 +123,47 @@ class Senses:
             self.samples["lidar"] = Sample(now, ())
             self.sight.take(self.sweep.readings, self.sweep.ranges(), faces, now)
 
-    def forget(self) -> None:
-        """Forget all samples, and restart the counts of lines."""
+    @property
+    def needed_of_rvr(self) -> list[str]:
+        """The sensors of the RVR that are needed."""
+        return [name for name in self._needed if name in SERVICE_OF]
+
+    @property
+    def wanted_of_rvr(self) -> list[str]:
+        """The sensors of the RVR that make readings more exact: a robot that turns has turned since its attitude."""
+        return ["turning"] if self._turns_matter else []
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether the ground sensor has read nothing but 0, 0, 0 for so long that it sees no floor, black or not."""
+        limit = self._settings.limits.dark
+        return limit is not None and self._dark is not None and self._dark[1] - self._dark[0] >= limit
+
+    @property
+    def may_be_dark(self) -> bool:
+        """Whether that is not known yet of a ground sensor that is needed."""
+        limit = self._settings.limits.dark
+        return "ground" in self._needed and None not in {limit, self._dark} and not self.is_dark
+
+    def forget(self, now: float = -math.inf) -> None:
+        """Forget all samples at a time [s], and restart the counts of lines."""
         self.samples: dict[str, Sample] = {}
+        self._forgot = now
+        self._invalid: dict[str, int] = {}  # samples that the RVR marks as invalid since the latest valid one, by name
         self.sweep = Sweep(self._settings.lidar_angle, self._settings.lidar.blind)
         self.sight.forget()
         for line in self.lines.values():
             line.forget()
 
     def readings(self, now: float) -> Readings:
-        """The readings at a time [s]; those of a silent sensor are neutral."""
+        """The readings at a time [s]; those of a silent sensor, or of a ground sensor that is dark, are neutral."""
         model, angles = self._model, self._settings.proximity_angles
         distances, bearings_x, bearings_y = self._found
         proximity: tuple[float, ...] = (math.inf,) * len(angles)
         ground = COLOURS["white"]
         if self._stale("proximity", now) is None:
             proximity = self.samples["proximity"].values
-        if self._stale("ground", now) is None:
+        if self._stale("ground", now) is None and not self.is_dark:
             ground = COLOURS[self.label()]
         n = self._find_neighbours(now)
         weights = [proximity_weight(model, distance) for distance in proximity]
@@ -172,14 +208,28 @@ class Senses:
         """The samples that are needed and not fresh at a time [s], by name."""
         return {name: stale for name in self._needed if (stale := self._stale(name, now)) is not None}
 
+    def slow(self) -> dict[str, Stale]:
+        """The samples of the RVR that are needed and come too seldom, by name: they would soon not be fresh."""
+        limit, found = self._settings.limits.rvr, {}
+        for name in self.needed_of_rvr:
+            interval = self._interval.get(name, math.inf)
+            if interval > limit:
+                words = "one sample, and no other" if interval == math.inf else f"{interval:.2f} s between two samples"
+                found[name] = Stale("rvr", f"{words}; the limit is {limit:g} s")
+        return found
+
     def _stale(self, name: str, now: float) -> Stale | None:
         """Why a sample is not fresh; None if it is young enough, and enough of its device's line arrives whole."""
         device, age = _DEVICE_OF_SAMPLE[name], self.age(name, now)
         limit, line = getattr(self._settings.limits, device), self.lines[device]
-        if age == math.inf:
-            return Stale(device, "nothing yet")
         if age > limit:
-            return Stale(device, f"nothing for {age:.2f} s; the limit is {limit:g} s")
+            since = max(now - age, self._forgot)
+            found = "nothing yet" if age == math.inf else f"nothing for {age:.2f} s"
+            if name in self._invalid:
+                found += f", as the RVR marks all samples as invalid ({self._invalid[name]})"
+            elif self._interval.get(name, 0.0) > limit:
+                found += f", and {self._interval[name]:.2f} s between the samples before"
+            return Stale(device, found if age == math.inf else f"{found}; the limit is {limit:g} s", since)
         if line.is_broken:
             found = f"only {percent(line.share)} of what the {device} sends arrives whole"
             return Stale(device, f"{found}; the limit is {percent(line.min_share)}", is_damaged=True)

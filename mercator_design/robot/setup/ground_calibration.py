@@ -10,12 +10,12 @@ from statistics import NormalDist, fmean, pstdev
 from mercator_design.config.colours import COLOURS, RGB, ColourName, Levels
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.link import Link
-from mercator_design.robot.devices.ports import Line, PortNames, open_port
-from mercator_design.robot.devices.samples import converted
+from mercator_design.robot.devices.ports import Line, open_port
+from mercator_design.robot.devices.samples import converted, invalid
+from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import stop_rvr, wake_rvr
-from mercator_design.robot.protocols.rvr_streaming import streaming
+from mercator_design.robot.devices.streams import start_streams
 
-PERIOD = 50  # [ms] of streaming
 _MIN_SAMPLES = 10  # of a measurement
 KEEP_AWAKE_EVERY = 10.0  # [s] between commands; an RVR without commands falls asleep
 _MAX_SPREAD = 15.0  # levels, of a robot at rest on one colour; noise of 5 in each channel is 9
@@ -48,29 +48,33 @@ class GroundSensor:
             RobotError: if there are too few, or the port is lost.
         """
         self.attend()
-        found = []
+        found, n_invalid = [], 0
         for event, _ in self._link.poll(time.monotonic() + seconds):
+            n_invalid += len(invalid(event))
             for _, (red, green, blue) in converted(event):
                 found.append((red, green, blue))
         if len(found) < _MIN_SAMPLES:
-            raise RobotError(f"ground: {len(found)} measurements in {seconds:g} s; {self._link.remedy('rvr')}")
+            words = f"{len(found)} measurements in {seconds:g} s"
+            if n_invalid:
+                words += f", and {n_invalid} that the RVR marks as invalid"
+            is_heard = not self._link.refusal("echo", data=b"")
+            raise RobotError(f"ground: {words}; {self._link.stream_remedy() if is_heard else self._link.remedy('rvr')}")
         return found
 
 
 @contextlib.contextmanager
-def ground_sensor(ports: PortNames) -> Iterator[GroundSensor]:
+def ground_sensor(settings: Settings) -> Iterator[GroundSensor]:
     """The ground sensor of a robot; in the end the RVR is at rest.
 
     Raises:
         RobotError: if the RVR cannot be used.
     """
-    with open_port("rvr", ports.rvr) as port:
+    with open_port("rvr", settings.ports.rvr) as port:
         link = Link([Line("rvr", port)])
         try:
             wake_rvr(link)
             link.ask("enable_color_detection", is_enabled=True)
-            for name, processor, values in streaming(["color_detection"], PERIOD):
-                link.ask(name, processor, **values)
+            start_streams(link, ["ground"], [], settings.rvr.period)
             yield GroundSensor(link)
         finally:
             link.is_ending = True
@@ -138,6 +142,8 @@ def check_light(name: ColourName, found: Sequence[RGB]) -> None:
 
 def warnings(name: ColourName, found: Sequence[RGB]) -> Iterator[str]:
     """Warnings on the measurements of one colour."""
+    if not any(map(any, found)):
+        yield f"{name} is 0, 0, 0 in all measurements; is the sensor's lamp on, and the robot on the floor?"
     if spread(found) > _MAX_SPREAD:
         yield f"{name} varies; keep the robot still, on one colour, and measure again"
     brightness, usual = fmean(mean(found)), fmean(COLOURS[name])

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mercator_design.robot.devices.link import Heard
-from mercator_design.robot.devices.samples import converted
+from mercator_design.robot.devices.samples import SERVICE_OF, converted
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import Log, plain
@@ -92,7 +92,7 @@ def record(
         RobotError, RobotStopped, Signalled: as `in_control`.
     """
     log = Log(path)
-    with in_control(settings, DEVICE_OF, {}, log) as control:
+    with in_control(settings, DEVICE_OF, {}, log, extra=SERVICE_OF) as control:
         robot = control.robot
         recorder = Recorder(log, robot, settings)
         robot.notes.send_to(log.remark, report)

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from mercator_design.robot.devices.samples import SERVICE_OF
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.log import Log
 from mercator_design.robot.run.control import Control, in_control
@@ -70,7 +71,8 @@ def teleop(
     """
     reads = ["proximity"] if guard is not None else []
     log = None if path is None else Log(path, ending="A key ended the drive")
-    with in_control(settings, reads, settings.labels_of({}), log) as control:
+    shown = ["ground"] if log is None else SERVICE_OF
+    with in_control(settings, reads, settings.labels_of({}), log, extra=shown) as control:
         recorder = None if log is None else Recorder(log, control.robot, settings)
         control.robot.introduce(report)
         report("Arrows or WASD drive as long as they are held, any other key stops, Q ends.")
@@ -126,7 +128,7 @@ def _status(robot: Mercator, settings: Settings, now: float) -> str:
     limits, senses = settings.limits, robot.senses
     samples = {"rvr": "attitude", "hub": "proximity", "lidar": "lidar"}
     ages = {name: senses.age(sample, now) for name, sample in samples.items()}
-    ground = senses.label() if senses.age("ground", now) <= limits.rvr else "?"
+    ground = senses.label() if senses.age("ground", now) <= limits.rvr and not senses.is_dark else "?"
     around = [math.nan] * len(settings.proximity_angles)
     if ages["hub"] <= limits.proximity:
         pairs = zip(settings.proximity_angles, senses.samples["proximity"].values, strict=True)

@@ -6,10 +6,11 @@ up. Sources: docs/reference/robot-protocols.md; where these are silent, docs/ref
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from mercator_design.robot.protocols.rvr import Flags, RvrCommand, RvrEnd, Unknown
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, Error, Processor
+from mercator_design.robot.protocols.rvr_streaming import sizes_in
 from mercator_design.twin.devices.drive import TwinDrive
 from mercator_design.twin.devices.senses import Measure, TwinSenses
 
@@ -43,7 +44,22 @@ _ACCEPTED = {
     # Slots are kept by the line.
     "configure_streaming_service",
 }
+_SLOT_COMMANDS = {"configure_streaming_service", "clear_streaming_service"}
 _LEDS = 31  # the last is the white one
+
+
+class Refused(NamedTuple):
+    """Commands that the robot does not obey."""
+
+    command: str
+    service: str | None  # only configurations of slots with this service; None: all
+    error: int | None  # with which it refuses them; None: it does not answer
+
+    def matches(self, command: RvrCommand) -> bool:
+        """Whether a command is one of them."""
+        if command.name != self.command:
+            return False
+        return self.service is None or self.service in sizes_in(bytes(command.values.get("configuration", b"")))
 
 
 class TwinRvr:
@@ -52,6 +68,9 @@ class TwinRvr:
     leds: Brightness of each LED, by its bit.
     level: Charge of the battery [%].
     drive: Its drive.
+    senses: Its senses.
+    refused: Commands that it does not obey.
+    locks_slots: Whether it refuses to change slots while it streams, which then only `stop_streaming_service` ends.
     """
 
     def __init__(self, measure: Measure, *, tread_distance: float, number: int = 0) -> None:
@@ -65,8 +84,8 @@ class TwinRvr:
         self.leds = bytearray(_LEDS)
         self.level = 100.0
         self._line = RvrEnd()
-        self._senses = TwinSenses(measure, self._line)
-        self.drive = TwinDrive(tread_distance, self._senses.place, self._notify)
+        self.senses = TwinSenses(measure, self._line)
+        self.drive = TwinDrive(tread_distance, self.senses.place, self._notify)
         self._number = number
         self._began = self._active = self._now = 0.0
         self._awake = 0.0  # from when on
@@ -75,10 +94,12 @@ class TwinRvr:
         self._notifies = dict.fromkeys(
             ("battery_voltage_state_change", "motor_fault", "motor_stall", "motor_thermal_protection_status"), False
         )
+        self.refused: tuple[Refused, ...] = ()
+        self.locks_slots = False
         self._temperatures = [_TEMPERATURE] * 2  # of the motors
         self._is_fault = False  # of a motor
         self._said: list[bytes] = []
-        parts = (self, self._senses, self.drive)
+        parts = (self, self.senses, self.drive)
         self._obeyed_by = {name: part for part in parts for name in COMMANDS if hasattr(part, name)}
 
     @property
@@ -94,7 +115,7 @@ class TwinRvr:
     def advance(self, now: float) -> bytes:
         """The bytes that the robot sends by itself up to now."""
         was_awake = self.is_awake
-        self._now = self._senses.now = self.drive.now = now
+        self._now = self.senses.now = self.drive.now = now
         if self.is_awake and not was_awake:
             self._notify("did_wake")
             self._active = now
@@ -104,7 +125,7 @@ class TwinRvr:
             self._warned = True
             self._notify("will_sleep")
         self.drive.advance()
-        self._said.append(self._senses.advance())
+        self._said.append(self.senses.advance())
         self._watch_battery()
         return self._take_said()
 
@@ -133,8 +154,11 @@ class TwinRvr:
         frame = event.frame
         if Flags.ACTIVITY in frame.flags:
             self._active, self._warned = self._now, False
-        answer = event.error if isinstance(event, Unknown) else self._result(event)
-        if isinstance(answer, Error):
+        refused = [] if isinstance(event, Unknown) else [each.error for each in self.refused if each.matches(event)]
+        if None in refused:
+            return b""
+        answer = event.error if isinstance(event, Unknown) else refused[0] if refused else self._result(event)
+        if isinstance(answer, int):
             return self._line.answer(frame, answer)
         return self._line.answer(frame, **(answer or {})) + self._take_said()
 
@@ -144,6 +168,8 @@ class TwinRvr:
             return Error.RESTRICTED
         if not all(math.isfinite(value) for value in command.values.values() if isinstance(value, float)):
             return Error.BAD_DATA_VALUE
+        if self.locks_slots and command.name in _SLOT_COMMANDS and self.senses.is_streaming(command.processor):
+            return Error.RESTRICTED
         if not self._line.follow(command):
             return Error.BAD_DATA_VALUE
         if command.name in _MADE_UP:
@@ -201,7 +227,7 @@ class TwinRvr:
 
     def sleep(self) -> None:
         self.drive.halt("sleep")
-        self._senses.end()
+        self.senses.end()
         self._awake = math.inf
         self._notify("did_sleep")
 
@@ -255,7 +281,8 @@ class TwinRvr:
 
     def disable_notifications_and_active_commands(self) -> None:
         self._notifies = dict.fromkeys(self._notifies, False)
-        self._senses.end()
+        if not self.locks_slots:
+            self.senses.end()
         self.drive.drive_stop()
 
     def set_all_leds(self, led_group: int, led_brightness_values: bytes) -> Error | None:

@@ -5,7 +5,7 @@ of its pose when its yaw and its locator were reset.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from mercator_design.robot.protocols.rvr import RvrEnd
@@ -25,7 +25,13 @@ _CALIBRATING = 3.0  # [s] of the magnetometer
 
 
 class TwinSenses:
-    """The senses. Public methods with the names of commands execute these; set `now` before."""
+    """The senses. Public methods with the names of commands execute these; set `now` before.
+
+    lamp_fails: Whether the lamp of the colour sensor does not come on.
+    silent: Services that are not streamed, nor are the others in their slots; as in `slow` and `invalid`.
+    slow: The shortest period of services [s].
+    invalid: Services whose values are marked as invalid.
+    """
 
     def __init__(self, measure: Measure, line: RvrEnd) -> None:
         """The senses of a robot that is switched on.
@@ -39,7 +45,12 @@ class TwinSenses:
         self._start = self._zero = self._world_yaw()
         self._from, self._base = self._world_place(), (0.0, 0.0)
         self._streams: dict[Processor, tuple[float, float]] = {}  # period, next time [s]
-        self._lamp = False
+        self._is_lit = False  # whether a program wants the lamp
+        self.lamp_fails = False
+        self.silent: frozenset[str] = frozenset()
+        self.slow: Mapping[str, float] = {}
+        self.invalid: frozenset[str] = frozenset()
+        self._next: dict[tuple[Processor, int], float] = {}  # time of slow slots [s]
         self._colours: tuple[float, float, int] | None = None  # period, next time [s], minimum confidence
         self._calibrated = math.inf
 
@@ -82,8 +93,16 @@ class TwinSenses:
     def reset_locator_x_and_y(self) -> None:
         self._base, self._from = (0.0, 0.0), self._world_place()
 
+    @property
+    def _lamp(self) -> bool:
+        return self._is_lit and not self.lamp_fails
+
+    def is_streaming(self, processor: Processor) -> bool:
+        """Whether a processor streams."""
+        return processor in self._streams
+
     def enable_color_detection(self, is_enabled: bool) -> None:
-        self._lamp = is_enabled
+        self._is_lit = is_enabled
 
     def enable_color_detection_notify(
         self, is_enabled: bool, interval: int, minimum_confidence_threshold: int
@@ -142,8 +161,12 @@ class TwinSenses:
 
     def _stream(self, processor: Processor, slot: int) -> bytes:
         services = self._line.slots.of(processor)[slot]
+        if not self.silent.isdisjoint(services) or self.now < self._next.get((processor, slot), -math.inf) - 1e-9:
+            return b""
+        slowest = max((self.slow.get(name, 0.0) for name in services), default=0.0)
+        self._next[processor, slot] = self.now + slowest
         values = {name: dict(zip(SERVICES[name].attributes, self._service(name), strict=True)) for name in services}
-        return self._line.stream(StreamData(processor, slot, is_valid=True, values=values))
+        return self._line.stream(StreamData(processor, slot, self.invalid.isdisjoint(services), values))
 
     def _service(self, name: str) -> Sequence[float]:
         """The attributes of a streaming service, in their order."""

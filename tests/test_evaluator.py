@@ -185,7 +185,7 @@ def test_the_optuna_storage_has_the_scores_that_were_given_last(mdesign, folder,
     assert record.revised
     assert mdesign("tune", "--resume", run, "--optuna", f"sqlite:///{tmp_path}/b.db")[0] == 0
     scores = {}
-    for one in record.results():
+    for one in record.view.results():
         scores.setdefault(one.configuration, {})[one.instance] = one.score
     for name in ("a", "b"):
         (study,) = optuna.get_all_study_summaries(f"sqlite:///{tmp_path}/{name}.db")

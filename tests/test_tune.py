@@ -132,7 +132,7 @@ class TestTune:
         assert f"in another folder with: {shlex.join(['mdesign', *again])} -o ANOTHER\n" in err
         assert mdesign(*again, "-o", tmp_path / "again")[0] == 0
         same, before = (read(folder / JOURNAL).record for folder in (tmp_path / "again", undisturbed[1]))
-        assert (same.results(), same.configurations) == (before.results(), before.configurations)
+        assert (same.view.results(), same.configurations) == (before.view.results(), before.configurations)
 
     def test_killed_and_resumed(self, mdesign, undisturbed, tmp_path):
         folder, whole = undisturbed

@@ -35,7 +35,7 @@ def experiments_table(path: Path) -> "pd.DataFrame":
     Raises:
         RaceError: if there is no journal, or it is corrupt.
     """
-    experiments = read_journal(path).record.results()
+    experiments = read_journal(path).record.view.results()
     return _table(experiments, ("experiment", "iteration", "configuration", "instance", "seed", "score", "failure"))
 
 
@@ -85,14 +85,14 @@ def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
     These are plain lists: each race writes them at its end, and pandas takes long to import.
     """
     experiments: dict[int, list[ExperimentDone]] = {}
-    for one in record.results():
+    for one in record.view.results():
         experiments.setdefault(one.configuration, []).append(one)
     numbers = sorted(experiments)
     configurations = [record.configurations[number] for number in numbers]
     task = TASKS[record.start["task"]]
     task.check(record.start, configurations)
     columns = task.columns(record.start, configurations)
-    tests = record.test_scores()
+    tests = record.view.test_scores()
     # A parameter of a program may have the name of another column.
     others = [f"{name} (parameter)" if name in _DTYPES else name for name in columns]
     names = [*_OWN, *(_OF_TESTS if tests else ()), "parent", *others]

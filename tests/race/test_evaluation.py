@@ -56,7 +56,7 @@ def test_the_race_is_the_same_and_the_tests_are_noted(tmp_path, jobs):
     record = read(path).record
     known = {*racing.places(record)} | record.speculative.keys()
     assert n == len(known) + len(record.tests)
-    scores = record.test_scores()
+    scores = record.view.test_scores()
     assert len(scores[winner]) == TESTING.runs
     values = tuple(record.configurations[winner].values())
     assert list(scores[winner]) == [measure((values, 1_000_000 + k)).score for k in range(TESTING.runs)]
@@ -91,7 +91,7 @@ def test_after_a_larger_budget(tmp_path):
     winner, digest, _ = resumed(path, testing=evaluation.Testing(runs=5))
     longer = undisturbed(budgets=(racing.BUDGET, 500))
     assert (winner, digest) == (longer.ends[-1].winner, longer.digest())
-    assert winner in read(path).record.test_scores()
+    assert winner in read(path).record.view.test_scores()
 
 
 def test_what_is_under_way_when_they_are_stopped_is_kept(ended):
@@ -133,7 +133,7 @@ class TestFailures:
             assert len(record.tests) == len(TESTING.experiments(race))
             failures = {one.failure for one in record.tests.values() if one.score is None}
             assert failures == {"ArithmeticError: no", "expected a score from -1e+100 to 1e+100, found nan"}
-            assert 0 < len(record.test_scores()[race.best.configuration]) < TESTING.runs
+            assert 0 < len(record.view.test_scores()[race.best.configuration]) < TESTING.runs
             racing.run_all_tests(record, executor, function=None)  # nothing is left to run
 
 

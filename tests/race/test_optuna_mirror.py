@@ -37,9 +37,11 @@ def mirrored(url, record=None, *, budget=60, seed=1, method="irace", race=None, 
     """Race, with a mirror; gives the record and what the mirror complained of."""
     record, complaints = record if record is not None else Record(), []
     race = race or METHODS[method](SPACE, budget=budget, seed=seed)
-    mirroring = OptunaMirror(url, "study", race, maximise=False, warn=complaints.append)
-    with ThreadExecutor(2) as executor, mirroring as mirror:
-        for event in runner(record, executor, race=race, seed=seed, **options):
+    executor = ThreadExecutor(2)
+    run = runner(record, executor, race=race, seed=seed, **options)
+    mirroring = OptunaMirror(url, "study", race, run.view, maximise=False, warn=complaints.append)
+    with executor, mirroring as mirror:
+        for event in run:
             mirror.note(event)
         mirror.finish(race.best.configuration)
     return record, complaints
@@ -109,9 +111,11 @@ def test_a_race_that_is_resumed_goes_on_in_its_study(url, monkeypatch):
     monkeypatch.setattr(optuna_mirror, "MAX_WAIT_INTERRUPTED", optuna_mirror.MAX_WAIT)
     record = Record()
     race = IteratedRace(SPACE, budget=60, seed=1)
-    mirroring = OptunaMirror(url, "study", race, maximise=False, warn=pytest.fail)
-    with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped), mirroring as mirror:
-        list(map(mirror.note, runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 30)))
+    executor = ThreadExecutor(1)
+    run = runner(record, executor, race=race, stopped=lambda: len(record.experiments) > 30)
+    mirroring = OptunaMirror(url, "study", race, run.view, maximise=False, warn=pytest.fail)
+    with executor, pytest.raises(ExecutorStopped), mirroring as mirror:
+        list(map(mirror.note, run))
     before = len(trials_of(url))
     assert before > 5
     record, complaints = mirrored(url, record)

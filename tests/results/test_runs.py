@@ -41,6 +41,7 @@ from mercator_design.race.session.events import (
 )
 from mercator_design.race.session.journal import Journal, read
 from mercator_design.race.session.record import Record
+from mercator_design.race.session.view import RaceView
 from mercator_design.results import tables
 from mercator_design.results.analysis.ablation import Ablation
 from mercator_design.results.analysis.pruning import without
@@ -420,16 +421,17 @@ class TestProgress:
             monkeypatch.setenv("FORCE_COLOR", "1")  # as if stderr were a terminal
             monkeypatch.setenv("COLUMNS", str(columns))
             best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
-            at = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
-            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost)
+            plan = Progress(iteration=1, iterations=9, alive=17, used=0, budget=5000, best=best)
+            task = SimpleNamespace(name="aggregation", score=lambda cost: -cost, cost=lambda score: -score)
             done = ExperimentDone(experiment=1, iteration=1, configuration=1, instance=1, seed=1, score=2.8)
-            now = 0.0
-            with RaceDisplay(task, 5000, None, progress=lambda: at, clock=lambda: now) as display:
-                at = replace(at, iteration=iteration, iterations=iterations)
-                for _ in range(4239):
+            view, now = RaceView(5000), 0.0
+            view.live = lambda: replace(plan, iteration=iteration, iterations=iterations)
+            with RaceDisplay(task, view, None, plan=plan, clock=lambda: now) as display:
+                for number in range(4240):
+                    if number == 4239:
+                        now = 9.0  # what comes at once after something that was shown is not
+                    view.note(done)
                     display.note(done)
-                now = 9.0  # what comes at once after something that was shown is not
-                display.note(done)
                 if told:
                     print_message(told)
             err = re.sub(r"\x1b\[[\d?;]*[a-zA-Z]", "", capsys.readouterr().err)
@@ -867,10 +869,10 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
             note="",
         )
         record.note(summary)
-    names = [line.split()[0] for line in iterations_table(record)[1:]]
+    names = [line.split()[0] for line in iterations_table(record.view)[1:]]
     assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
-    del record.iterations[40]
-    assert len(iterations_table(record)) == 1 + 10 + 1 + 20
+    del record.view.incumbents[-1]
+    assert len(iterations_table(record.view)) == 1 + 10 + 1 + 20
 
 
 def test_notes_fit_a_terminal():

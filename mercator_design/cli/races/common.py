@@ -168,9 +168,7 @@ def run(
     try:
         with (
             executor,
-            RaceDisplay(
-                folder.task, record.budget, folder.testing, progress, progress=lambda: optimizer.progress
-            ) as display,
+            RaceDisplay(folder.task, race.view, folder.testing, progress, plan=optimizer.progress) as display,
             _mirror(given["optuna"], folder) as mirror,
         ):
             display.known = experiments
@@ -272,6 +270,7 @@ def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[Op
         storage,
         f"{task.name}, seed {task.optimizer.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",
         task.optimizer,
+        folder.journal.record.view,
         maximise=task.maximise,
         warn=warn,
     )

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.session.events import Event, ExperimentDone, IterationEnded, ScoreRevised
+from mercator_design.race.session.view import RaceView
 from mercator_design.race.space.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -35,16 +36,25 @@ class OptunaMirror:
         storage: URL of an Optuna storage, such as sqlite:///race.db.
         name: Name of the study; an existing study of this name is continued.
         race: The race.
+        view: How the race stands; it takes each event before `note`.
         maximise: Whether higher scores are better.
         warn: Called with a sentence when something goes wrong.
     """
 
     def __init__(
-        self, storage: str, name: str, race: Optimizer, *, maximise: bool, warn: Callable[[str], None]
+        self,
+        storage: str,
+        name: str,
+        race: Optimizer,
+        view: RaceView,
+        *,
+        maximise: bool,
+        warn: Callable[[str], None],
     ) -> None:
         self._race = race
+        self._view = view
         self._warn = warn
-        self._raced: set[int] = set()  # in this process: a resumed race may have more in the storage
+        self._running: set[int] = set()  # configurations that were copied, and may run again
         self._events: queue.SimpleQueue[Callable[[_Study], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, args=(storage, name, maximise), daemon=True)
 
@@ -62,21 +72,25 @@ class OptunaMirror:
         """Copy an event; experiments come in any order, and some come twice."""
         match event:
             case ExperimentDone() | ScoreRevised():
-                self._raced.add(event.configuration)
+                self._running.add(event.configuration)
                 self._events.put(lambda study: study.report(event))
             case IterationEnded():
-                survivors, done = self._survivors(), self._raced - self._race.may_run_again
-                self._events.put(lambda study: study.close(done, survivors))
+                done = self._running - self._race.may_run_again
+                self._running -= done
+                means = self._means(done)
+                self._events.put(lambda study: study.close(done, means))
 
     def finish(self, winner: int) -> None:
         """Record the end of the race and its winner."""
-        self._events.put(lambda study: study.finish(winner, self._survivors()))
+        means = self._means(range(len(self._race.configurations)))
+        self._events.put(lambda study: study.finish(winner, means))
 
-    def _survivors(self) -> set[int]:
-        """The survivors of all iterations, with the elites."""
-        ended = self._race.iterations
-        elites = {elite.configuration for summary in ended for elite in summary.elites}
-        return elites.union(*(summary.survivors for summary in ended))
+    def _means(self, configurations: Iterable[int]) -> dict[int, float]:
+        """The mean scores of those that have survived an iteration, or were an elite."""
+        elites = {elite for ended in self._view.iterations for elite in ended.elites}
+        survivors = elites.union(*(summary.survivors for summary in self._race.iterations))
+        scores = {number: self._view.scores(number).values() for number in survivors.intersection(configurations)}
+        return {number: sum(few) / len(few) for number, few in scores.items() if few}
 
     def _write(self, storage: str, name: str, maximise: bool) -> None:
         try:
@@ -137,19 +151,19 @@ class _Study:
             self._failed.add(one.configuration)
             self._storage.set_trial_user_attr(trial, "failure", one.failure)
 
-    def close(self, configurations: Iterable[int], survivors: set[int]) -> None:
-        """End the trials of configurations that will not run again."""
+    def close(self, configurations: Iterable[int], means: Mapping[int, float]) -> None:
+        """End the trials of configurations that will not run again, with the mean scores of those that survived."""
         for number in sorted(self._open.keys() & set(configurations)):
-            trial, scores = self._open.pop(number), list(self._scores[number].values())
+            trial = self._open.pop(number)
             if number in self._failed:
                 self._storage.set_trial_state_values(trial, self._state.FAIL)
-            elif number in survivors and scores:
-                self._storage.set_trial_state_values(trial, self._state.COMPLETE, [sum(scores) / len(scores)])
+            elif number in means:
+                self._storage.set_trial_state_values(trial, self._state.COMPLETE, [means[number]])
             else:
                 self._storage.set_trial_state_values(trial, self._state.PRUNED)
 
-    def finish(self, winner: int, survivors: set[int]) -> None:
-        self.close(self._open.keys(), survivors)
+    def finish(self, winner: int, means: Mapping[int, float]) -> None:
+        self.close(self._open.keys(), means)
         self._study.set_user_attr("winner", winner)
 
     def _add(self, number: int) -> None:

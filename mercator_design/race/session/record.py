@@ -1,4 +1,4 @@
-"""The record of a race, in memory.
+"""The record of a race, in memory: the events that are known to be consistent; `view` tells how the race stands.
 
 Its *digest* covers the start, configurations and experiments in the order of their numbers, and the ends. So it does
 not depend on interruptions, executors or tests.
@@ -29,6 +29,7 @@ from mercator_design.race.session.events import (
     SpeculativeDone,
     TestDone,
 )
+from mercator_design.race.session.view import RaceView
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.scores import EXPECTED, is_score
 
@@ -55,6 +56,8 @@ class Record:
     sessions: list[SessionStarted | SessionStopped] = field(default_factory=list)
     scored: set[int] = field(default_factory=set)
     """The configurations that have a score."""
+    view: RaceView = field(default_factory=RaceView, repr=False, compare=False)
+    """How the race stands after the events so far."""
 
     @property
     def record(self) -> "Record":
@@ -70,18 +73,6 @@ class Record:
     def is_complete(self) -> bool:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
-
-    @property
-    def leader(self) -> int | None:
-        """The winner, or the best configuration of the last iteration."""
-        if self.ends and self.is_complete:
-            return self.ends[-1].winner
-        return self.ended[-1].elites[0] if self.iterations else None
-
-    @property
-    def ended(self) -> list[IterationEnded]:
-        """The iterations that have ended, in their order."""
-        return [self.iterations[number] for number in sorted(self.iterations)]
 
     def new_configurations(
         self, numbers: Iterable[int], values: Sequence[Configuration], parents: Sequence[int | None]
@@ -104,31 +95,6 @@ class Record:
                 found = f"{self.configurations[number]} from {self.parents[number]}"
                 raise another_race(f"configuration {number}: {values[number]} from {parents[number]}", found)
         return new
-
-    def scores_of(self, configuration: int) -> dict[int, float]:
-        """The current scores of a configuration, by instance of the race."""
-        found = (one for one in self.results() if one.configuration == configuration)
-        return {one.instance: one.score for one in found if one.score is not None}
-
-    def results(self) -> list[ExperimentDone]:
-        """The experiments in order of their numbers, with their current scores."""
-        latest = {where: one for number in sorted(self.revised) for where, one in self.revised[number].items()}
-        finished = [self.experiments[number] for number in sorted(self.experiments)]
-        if not latest:
-            return finished
-        newer = [latest.get(Experiment(one.configuration, one.instance)) for one in finished]
-        return [
-            one if new is None else replace(one, score=new.score, failure=new.failure)
-            for one, new in zip(finished, newer, strict=True)
-        ]
-
-    def test_scores(self) -> dict[int, tuple[float, ...]]:
-        """The scores of each configuration in the order of the test instances, without failed tests."""
-        found: dict[int, list[float]] = {}
-        for where in sorted(self.tests):
-            if (score := self.tests[where].score) is not None:
-                found.setdefault(where.configuration, []).append(score)
-        return {configuration: tuple(scores) for configuration, scores in found.items()}
 
     def digest(self, n_ends: int | None = None) -> str:
         """The digest of the start and all events up to one of the ends (by default the last), as hexadecimal text."""
@@ -166,6 +132,7 @@ class Record:
         budget = from_json(start.get("budget"), Annotated[int, Range(1)], error=RaceError, path="start.budget")
         self.start = from_json(start, Mapping[str, object], error=RaceError, path="start")
         self.budgets = [budget]
+        self.view = RaceView(budget)
 
     def note(self, *events: Event) -> None:
         """Add events.
@@ -177,6 +144,7 @@ class Record:
             raise RaceError("expected the start of a race first, found another event")
         for event in events:
             self._take(event)
+            self.view.note(event)
 
     def with_digest(self, end: RaceEnded) -> RaceEnded:
         """An end of the race with the digest up to there."""

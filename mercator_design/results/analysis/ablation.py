@@ -70,14 +70,14 @@ def race_ablation(
         ExecutorStopped: see `stopped`; running experiments have finished.
     """
     record = read_journal(path).record
-    if not record.ends:
+    if (number := record.view.winner) is None:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")
     check_configurations(path, record, task.optimizer.space)
-    winner = record.configurations[record.ends[-1].winner]
+    winner = record.configurations[number]
     if first:
-        if not record.iterations:
+        if not record.view.incumbents:
             raise RaceError(f"{path}: expected a race with iterations, found none in its journal")
-        start = record.iterations[min(record.iterations)].elites[0]
+        start = record.view.iterations[0].elites[0]
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
     if start is None and not isinstance(task, Designer):

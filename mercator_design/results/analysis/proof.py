@@ -155,7 +155,7 @@ def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, lis
         return to_pfsm(drawn, flavour)
 
     winner = record.ends[-1].winner
-    others = [number for one in reversed(record.ended) for number in one.elites if number != winner]
+    others = [number for one in reversed(record.view.iterations) for number in one.elites if number != winner]
     raced = {"winner": winner, **({RUNNER_UP: others[0]} if others else {})}
     return {
         **{name: [to_pfsm(record.configurations[number], flavour)] * runs for name, number in raced.items()},

@@ -25,7 +25,7 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
     found: dict[str, Pfsm] = {}
     for folder in folders:
         record = read_journal(folder).record
-        if not record.ends:
+        if (winner := record.view.winner) is None:
             raise RaceError(f"{folder}: expected a race that has ended, found one that has no winner yet")
         task = task_of(folder)
         if not isinstance(task, Designer):
@@ -38,7 +38,7 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
                 "instances, found others"
             )
         check_configurations(folder, record, task.optimizer.space)
-        found[str(folder)] = to_pfsm(record.configurations[record.ends[-1].winner], task.flavour)
+        found[str(folder)] = to_pfsm(record.configurations[winner], task.flavour)
     if first is None:
         raise RaceError("expected races, found none")
     return found, first.simulator

@@ -13,7 +13,7 @@ from httpx_sse import EventSource, SSEError
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.elimination.summary import Progress
 from mercator_design.race.session.events import event_of
-from mercator_design.race.session.standing import Standing
+from mercator_design.race.session.view import RaceView
 from mercator_design.serve.client.connection import ClientError, Connection, Lost
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.show.text.progress import Mode, RaceDisplay
@@ -120,8 +120,8 @@ def follow(
     except (KeyError, TypeError, ValueError):
         raise ClientError(f"{connection.server}: expected a job, found something else") from None
     plan = Progress(iteration=1, iterations=0, alive=0, used=0, budget=budget, best=None)
-    standing, said = Standing(raced.cost, plan), ""
-    with RaceDisplay(raced, budget, None, mode, progress=lambda: standing.progress) as display:
+    view, said = RaceView(budget), ""
+    with RaceDisplay(raced, view, None, mode, plan=plan) as display:
         display.known = known
         for received in events_of(connection, job, announce=announce, sleep=sleep):
             each(received)
@@ -135,7 +135,7 @@ def follow(
                     event = event_of(dict(received.data))
                 except RaceError as error:
                     raise ClientError(f"{connection.server}: {error.messages[0]}") from None
-                standing.note(event)
+                view.note(event)
                 display.note(event)
     return now
 

@@ -132,9 +132,9 @@ def leader_of(folder: Path) -> LeadingDesign:
     Raises:
         RaceError: There is none yet, or it is no race of control software.
     """
-    status = RaceStatus(folder)
-    record = status.read_on()
-    number, mean = record.leader, status.best
+    record = RaceStatus(folder).read_on()
+    view = record.view
+    number, mean = view.leader, view.best_score
     if number is None or mean is None:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
     if record.start["task"] != "mission":
@@ -142,7 +142,7 @@ def leader_of(folder: Path) -> LeadingDesign:
     return LeadingDesign(
         configuration=number,
         mean=mean,
-        runs=len(record.scores_of(number)),
-        is_winner=record.is_complete,
+        runs=len(view.scores(number)),
+        is_winner=view.is_complete,
         fsm=FsmFile(pfsm=to_pfsm(record.configurations[number], record.start["flavour"]), header={}),
     )

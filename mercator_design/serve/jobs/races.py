@@ -3,13 +3,13 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from statistics import fmean
 from typing import BinaryIO, NamedTuple
 
 from mercator_design.config.checked_lines import checked_text
 from mercator_design.errors import MercatorError
 from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import Record
+from mercator_design.race.session.view import RaceView
 from mercator_design.results.files import JOURNAL, TASKS, read_provenance
 
 _EVENT, _AFTER = b'{"event":"', b',"after":"'  # at the ends of a line
@@ -18,12 +18,10 @@ CHUNK = 64 * 1024
 
 
 class RaceStatus:
-    """The facts of a race that may be running; `read_on` reads what is new."""
+    """How a race stands that may be running, by its run folder; `read_on` reads what is new."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self._reading = folder, Reading(folder / JOURNAL)
-        self._key: tuple[int, ...] = ()
-        self._best: float | None = None
 
     def read_on(self) -> Record:
         """The record so far; an empty one if no race has begun.
@@ -36,36 +34,20 @@ class RaceStatus:
         return self._reading.record
 
     @property
-    def record(self) -> Record:
-        """The record as of the last reading."""
-        return self._reading.record
-
-    @property
-    def best(self) -> float | None:
-        """The mean score of the winner, or of the best configuration so far."""
-        record = self.record
-        key = (len(record.iterations), len(record.ends), len(record.budgets), sum(map(len, record.revised.values())))
-        if key != self._key:  # hot: asked several times a second, and all experiments are looked at
-            scores = {} if record.leader is None else record.scores_of(record.leader)
-            self._key, self._best = key, fmean(scores.values()) if scores else None
-        return self._best
-
-    @property
-    def tested(self) -> float | None:
-        """The mean score of the winner on fresh instances."""
-        scores = self.record.test_scores().get(self.record.ends[-1].winner) if self.record.ends else None
-        return fmean(scores) if scores else None
+    def view(self) -> RaceView:
+        """How the race stands as of the last reading."""
+        return self._reading.record.view
 
     def is_finished(self, budget: int) -> bool:
         """Whether the race has ended under a budget, and its winner is written."""
-        if not (self.record.ends and self.record.is_complete and self.record.budget >= budget):
+        if not (self.view.is_complete and self.view.budget >= budget):
             return False
         try:
             provenance = read_provenance(self.folder)
         except MercatorError:
             return False
         winner = TASKS[str(provenance.race["task"])].WINNER
-        return provenance.budget == self.record.budget and (self.folder / winner).exists()
+        return provenance.budget == self.view.budget and (self.folder / winner).exists()
 
 
 class JournalEvent(NamedTuple):

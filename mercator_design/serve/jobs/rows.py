@@ -31,7 +31,7 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
         id=job.id, owner=job.owner, name=job.name, state=state, wish=job.wish,
         method=request.method, flavour=request.flavour, message="" if state == "succeeded" else job.failure or problem,
         seed=request.seed, budget=request.budget, priority=request.priority, direction=job.direction,
-        experiments=len(status.record.experiments), best=status.best, tested=status.tested,
+        experiments=status.view.n_experiments, best=status.view.best_score, tested=status.view.tested_score,
         submitted=job.submitted, ended=job.ended, seconds=job.seconds, shared=job.shared, key=job.key,
     )  # fmt: skip
 

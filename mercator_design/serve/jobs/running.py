@@ -56,7 +56,7 @@ class Running:
 
     def left(self, clock: float) -> float | None:
         """Seconds that the race still takes, by its pace since its first experiment here; None if not known yet."""
-        done = len(self.status.record.experiments)
+        done = self.status.view.n_experiments
         if self.first_progress is None and done > self.n_before:
             self.first_progress = (clock, done)
         since, n_then = self.first_progress or (clock, done)

@@ -251,9 +251,9 @@ class Supervisor:
         run.read_on()
         self._index.change(
             run.job.id,
-            experiments=len(run.status.record.experiments),
-            best=run.status.best,
-            tested=run.status.tested,
+            experiments=run.status.view.n_experiments,
+            best=run.status.view.best_score,
+            tested=run.status.view.tested_score,
             seconds=float(int(run.seconds(clock))),
             left=run.left(clock),
             message=run.message,
@@ -291,7 +291,7 @@ class Supervisor:
 
     def _deaths_of(self, run: Running) -> tuple[int, int]:
         """The deaths of a job's processes without progress, with the last one, and the experiments at that time."""
-        done = len(run.status.record.experiments)
+        done = run.status.view.n_experiments
         deaths, before = self._deaths.get(run.job.id, (0, -1))
         return (deaths + 1 if done == before else 1), done
 

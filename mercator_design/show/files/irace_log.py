@@ -84,9 +84,9 @@ def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
 def irace_results(task: Task[Any], record: Record) -> dict[str, Any]:
     """The contents of irace's log, with their names in R."""
     space = task.optimizer.space
-    iterations = [record.iterations[number] for number in sorted(record.iterations)]
+    iterations = record.view.iterations
     elites = [np.array([number + 1 for number in one.elites], dtype=np.int32) for one in iterations]
-    experiments = record.results()
+    experiments = record.view.results()
     costs = [np.inf if one.score is None else task.cost(one.score) for one in experiments]
     log = {
         "iteration": _integers([one.iteration for one in experiments]),

@@ -24,7 +24,7 @@ def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
     """The section of the winner; traces of its runs tell how long robots are in each state."""
     if facts.best is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
-    name = "The winner" if facts.record.is_complete else "The best so far"
+    name = "The winner" if facts.view.is_complete else "The best so far"
     return section("answer", name, _score(facts, proof), _software(facts, facts.best, traces))
 
 
@@ -35,7 +35,7 @@ def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
     if fresh is not None:
         return fresh, f"mean of {len(fresh.values)} runs on fresh instances"
     assert facts.best is not None  # noqa: S101 - `answer` has checked
-    own = Scores(tuple(facts.scores[facts.best].values()))
+    own = Scores(tuple(facts.view.scores(facts.best).values()))
     return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is optimistic"
 
 

@@ -57,7 +57,7 @@ def _fresh(facts: Facts, proof: Proof) -> Html:
 
 
 def _matrix(facts: Facts) -> Html:
-    scores = [facts.scores.get(one, {}) for one in facts.elites]
+    scores = [facts.view.scores(one) for one in facts.elites]
     instances = sorted({instance for known in scores for instance in known})[-_MAX_COLUMNS:]
     if not instances:
         return Html()
@@ -70,7 +70,7 @@ def _matrix(facts: Facts) -> Html:
 
 
 def _tests(facts: Facts) -> Html:
-    pairs = compared({one: facts.scores[one] for one in facts.elites if one in facts.scores})
+    pairs = compared({one: scores for one in facts.elites if (scores := facts.view.scores(one))})
     if not pairs:
         return Html()
     rows = [

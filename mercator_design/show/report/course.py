@@ -5,11 +5,12 @@ from collections import Counter
 
 from mercator_design.race.analysis.convergence import first_iterations, spreads
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.race.session.view import Incumbent
 from mercator_design.results.analysis.pruning import module_counts
 from mercator_design.show.charts import Axis, Bars, ChartLine, Thread, bar_chart, line_chart, parallel_chart
 from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, figure, folded, note, row_of, section, table
-from mercator_design.show.text.iterations import FEW, Incumbent, best_line, incumbents, iteration_cells, iteration_name
+from mercator_design.show.text.iterations import FEW, best_line, iteration_cells, iteration_name
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
@@ -18,7 +19,7 @@ _MAX_NOTES = 3
 
 def course(facts: Facts) -> Html:
     """The section of the race's iterations."""
-    found = incumbents(facts.record)
+    found = facts.view.incumbents
     if not found:
         return Html()
     charts = [_budget(facts), _incumbent(facts, found), _elimination(facts, found), _convergence(facts)]
@@ -39,7 +40,7 @@ def _notes(found: list[Incumbent]) -> Html:
 
 def _budget(facts: Facts) -> Html:
     first = first_iterations(facts.record)
-    iterations, experiments = facts.record.ended, facts.record.experiments.values()
+    iterations, experiments = facts.view.iterations, facts.record.experiments.values()
     used = Counter((one.iteration, first[one.configuration] < one.iteration) for one in experiments)
     kinds = [
         Bars(name, [used[one.iteration, again] for one in iterations])
@@ -100,7 +101,7 @@ def _convergence(facts: Facts) -> Html:
 def _elites(facts: Facts) -> Html:
     """The elites of all iterations as lines across what they are made of."""
     first = first_iterations(facts.record)
-    numbers = [one for one in facts.former_elites if one in facts.scores][:_MAX_THREADS]
+    numbers = [one for one in facts.former_elites if facts.view.scores(one)][:_MAX_THREADS]
     if len(numbers) < 2:
         return Html()
     made_of = [_made_of(facts, one) for one in numbers]
@@ -110,7 +111,7 @@ def _elites(facts: Facts) -> Html:
     threads = [
         Thread(
             f"{facts.called(one)}, found in iteration {first[one]}",
-            [Scores(tuple(facts.scores[one].values())).mean, *(_place(axis, row[axis.name]) for axis in axes[1:])],
+            [Scores(tuple(facts.view.scores(one).values())).mean, *(_place(axis, row[axis.name]) for axis in axes[1:])],
             (first[one] - 1) / max(last - 1, 1),
             is_bold=one == facts.best,
         )

@@ -14,6 +14,7 @@ from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import Task
+from mercator_design.race.session.view import RaceView
 from mercator_design.results.files import (
     TASKS,
     OtherVersion,
@@ -92,6 +93,11 @@ class Facts:
         return self.record.start
 
     @property
+    def view(self) -> RaceView:
+        """How the race stands."""
+        return self.record.view
+
+    @property
     def designer(self) -> Designer | None:
         """The task, if it designs control software."""
         return self.task if isinstance(self.task, Designer) else None
@@ -99,32 +105,23 @@ class Facts:
     @cached_property
     def best(self) -> int | None:
         """The winner, or the best configuration so far."""
-        return self.record.leader
+        return self.view.leader
 
     @cached_property
     def elites(self) -> list[int]:
         """The winner, and the other elites of the last iteration."""
-        last = self.record.ended[-1].elites if self.record.iterations else ()
+        last = self.view.iterations[-1].elites if self.view.incumbents else ()
         return list(dict.fromkeys([*([] if self.best is None else [self.best]), *last]))[:MAX_ELITES]
 
     @cached_property
     def former_elites(self) -> list[int]:
         """The elites of all iterations, the latest first."""
-        return list(dict.fromkeys(number for one in reversed(self.record.ended) for number in one.elites))
-
-    @cached_property
-    def scores(self) -> dict[int, dict[int, float]]:
-        """The scores of all configurations, by instance of the race."""
-        found: dict[int, dict[int, float]] = {}
-        for one in self.record.results():
-            if one.score is not None:
-                found.setdefault(one.configuration, {})[one.instance] = one.score
-        return found
+        return list(dict.fromkeys(number for one in reversed(self.view.iterations) for number in one.elites))
 
     @cached_property
     def tested(self) -> Scores | None:
         """The scores of the winner on its test instances."""
-        scores = self.record.test_scores().get(self.best) if self.best is not None else None
+        scores = self.view.test_scores().get(self.best) if self.best is not None else None
         return Scores(scores) if scores else None
 
     def pfsm(self, configuration: int) -> Pfsm | None:
@@ -143,7 +140,7 @@ class Facts:
 
     def called(self, configuration: int) -> str:
         """The name of a configuration on the page."""
-        is_winner = configuration == self.best and self.record.is_complete
+        is_winner = configuration == self.best and self.view.is_complete
         return f"{configuration} (winner)" if is_winner else str(configuration)
 
     def command(self, *verb: str) -> str:

@@ -47,7 +47,7 @@ def _dot(one: Importance) -> Dot:
 
 def _ablation(facts: Facts) -> Html:
     """The winner without its parts, if that was measured; else the command that does it."""
-    pfsm = None if facts.best is None or not facts.record.is_complete else facts.pfsm(facts.best)
+    pfsm = None if facts.best is None or not facts.view.is_complete else facts.pfsm(facts.best)
     if pfsm is None:
         return Html()
     made_by = facts.command("runs", "ablation")

@@ -50,7 +50,7 @@ def origin(facts: Facts) -> Html:
 
 
 def _failures(facts: Facts) -> Html:
-    failed = [one for one in facts.record.results() if one.score is None]
+    failed = [one for one in facts.view.results() if one.score is None]
     if not failed:
         return note("No experiment failed.")
     rows = [(one.experiment, one.configuration, one.seed, one.failure) for one in failed[:_MAX_FAILURES]]

@@ -38,7 +38,7 @@ def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> 
 
     The proof is the winner on fresh instances; `without` says why there is none.
     """
-    runs = chosen_runs(facts, proof) if facts.record.is_complete else []
+    runs = chosen_runs(facts, proof) if facts.view.is_complete else []
     again, problem = run_again(facts, runs)
     first = [
         answer(facts, proof, [one.trace for one in again]),

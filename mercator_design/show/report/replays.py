@@ -29,7 +29,7 @@ def chosen_runs(facts: Facts, proof: Proof | None) -> list[ShownRun]:
     if not known and proof is not None:
         known = dict(zip(proof.seeds, proof.contestants[0].scores, strict=True))
     if not known:
-        known = {one.seed: one.score for one in facts.record.results() if one.configuration == best}
+        known = {one.seed: one.score for one in facts.view.results() if one.configuration == best}
     scores = sorted((score, seed) for seed, score in known.items() if score is not None)
     if not scores or facts.task is None:
         return []

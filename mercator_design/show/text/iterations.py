@@ -1,13 +1,11 @@
-"""The iterations of a race as a table, from its record; the race may be running."""
+"""The iterations of a race as a table; the race may be running."""
 
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
-from typing import NamedTuple
 
 from mercator_design.race.elimination.summary import Scores
-from mercator_design.race.session.events import ExperimentDone, IterationEnded, ScoreRevised
-from mercator_design.race.session.record import Record
+from mercator_design.race.session.events import IterationEnded
+from mercator_design.race.session.view import Incumbent, RaceView
 from mercator_design.show.charts import ChartLine, number
 from mercator_design.show.text.columns import aligned, difference
 
@@ -16,38 +14,6 @@ FEW = 4
 _FIRST, _LAST = 10, 20
 """Numbers of iterations that are shown, if there are more."""
 _HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
-
-
-class Incumbent(NamedTuple):
-    """The best configuration of an iteration, with its scores at that time.
-
-    scores: By instance; all that it has seen by the end of the iteration.
-    before: The scores of the best of the iteration before, by then; None if there was none, or it is the same one.
-    """
-
-    ended: IterationEnded
-    scores: Mapping[int, float]
-    before: Mapping[int, float] | None
-
-
-def incumbents(record: Record) -> list[Incumbent]:
-    """The best of each iteration that has ended, with the scores at that time: an evaluator may replace them later."""
-    bests = {one.elites[0] for one in record.ended}
-    finished = deque(one for one in _results_in_order(record) if one.configuration in bests)
-    scores: dict[int, dict[int, float]] = {best: {} for best in bests}
-    found: list[Incumbent] = []
-    before = None
-    for ended in record.ended:
-        while finished and record.experiments[finished[0].experiment].iteration <= ended.iteration:
-            one = finished.popleft()
-            if one.score is None:
-                scores[one.configuration].pop(one.instance, None)
-            else:
-                scores[one.configuration][one.instance] = one.score
-        best = ended.elites[0]
-        found.append(Incumbent(ended, dict(scores[best]), None if before in (None, best) else dict(scores[before])))
-        before = best
-    return found
 
 
 def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
@@ -64,30 +30,22 @@ def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
     return ChartLine(name, x, y, [low for low, _ in bands], [high for _, high in bands])
 
 
-def iterations_table(record: Record) -> list[str]:
+def iterations_table(view: RaceView) -> list[str]:
     """A line for each iteration that has ended.
 
     The mean is that of the best configuration over the n instances that it has seen by the end of the iteration. The
     last column is the mean difference to the best of the iteration before, on the instances that both have seen by
     then, with its confidence interval.
     """
-    rows: list[tuple[object, ...]] = [_HEAD, *((*iteration_cells(one), _difference(one)) for one in incumbents(record))]
+    rows: list[tuple[object, ...]] = [_HEAD, *((*iteration_cells(one), _difference(one)) for one in view.incumbents)]
     if len(rows) > 1 + _FIRST + _LAST:
         rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
 
 
-def _results_in_order(record: Record) -> list[ExperimentDone | ScoreRevised]:
-    """The experiments in order of their numbers, and replaced scores where they were replaced."""
-    revised = [
-        one for number in record.revised if number in record.experiments for one in record.revised[number].values()
-    ]
-    return sorted([*record.experiments.values(), *revised], key=lambda one: one.experiment)
-
-
-def iteration_notes(record: Record) -> list[str]:
+def iteration_notes(view: RaceView) -> list[str]:
     """The notes of iterations, a line each."""
-    return [f"Note       iteration {one.iteration}: {one.note}" for one in record.ended if one.note]
+    return [f"Note       iteration {one.iteration}: {one.note}" for one in view.iterations if one.note]
 
 
 def iteration_cells(incumbent: Incumbent) -> tuple[object, ...]:

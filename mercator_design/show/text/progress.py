@@ -16,7 +16,8 @@ from mercator_design.command import print_message
 from mercator_design.errors import printable
 from mercator_design.race.elimination.summary import Progress as RaceProgress
 from mercator_design.race.session.evaluation import Testing
-from mercator_design.race.session.events import BudgetExtended, Event, ExperimentDone, IterationEnded, TestDone
+from mercator_design.race.session.events import Event, ExperimentDone, IterationEnded, TestDone
+from mercator_design.race.session.view import RaceView
 
 Mode = Literal["auto", "plain", "rich", "none"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -215,65 +216,74 @@ class Raced(Protocol):
     def name(self) -> str:
         """Of the task."""
 
+    def cost(self, score: float) -> float:
+        """The cost of a score."""
+
     def score(self, cost: float) -> float:
         """The score of a cost."""
 
 
 class RaceDisplay(Display):
-    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time."""
+    """Progress of a race: iteration, alive configurations, mean and spread of the best, experiments, remaining time.
+
+    Args:
+        task: What is raced.
+        view: How the race stands; it takes each event before `note`.
+        testing: The tests after the race.
+        mode: How to show it.
+        plan: The progress of the race's optimizer before it has begun.
+        clock: Seconds.
+    """
 
     def __init__(
         self,
         task: Raced,
-        budget: int,
+        view: RaceView,
         testing: Testing | None,
         mode: Mode = "auto",
         *,
-        progress: Callable[[], RaceProgress],
+        plan: RaceProgress,
         clock: Clock = time.monotonic,
     ) -> None:
-        self._raced = task
-        self._budget = budget
+        self._task = task
+        self._view = view
         self._testing = testing
-        self._progress = progress
-        self._elites: list[tuple[int, ...]] = []  # of each iteration that has ended
-        self._n_run = self._n_tested = 0
-        self._planned = self._progress().iterations
-        super().__init__(task.name, budget, mode, clock=clock)
+        self._plan = plan
+        super().__init__(task.name, view.budget, mode, clock=clock)
 
     @property
     def n_tests(self) -> int:
         """Number of tests after the iterations that have ended so far."""
-        return 0 if self._testing is None else self._testing.n_tests(self._elites)
+        return 0 if self._testing is None else self._testing.n_tests([one.elites for one in self._view.iterations])
 
     def note(self, event: Event) -> None:
         """Show the progress after an event."""
         match event:
             case ExperimentDone():
-                self._n_run += 1
                 if not self._is_silent():
                     self._show_race()
             case IterationEnded():
-                self._elites.append(event.elites)
                 name = "final race" if event.postselection else f"iteration {event.iteration}"
-                text = f"{self._raced.name}: {name} ended, {event.alive} alive{self._best_text(self._progress())}"
-                self.line.conclude(self._state(text, self._n_run))
-            case BudgetExtended():
-                self._budget = event.budget
+                text = f"{self._task.name}: {name} ended, {event.alive} alive{self._best_text(self._progress())}"
+                n_run = sum(one.used for one in self._view.iterations[: event.iteration])  # there may be more by now
+                self.line.conclude(self._state(text, n_run))
             case TestDone():
-                self._n_tested += 1
                 if not self._is_silent():
-                    self.show(self._n_tested, f"{self._raced.name}: testing", self.n_tests)
+                    self.show(len(self._view.tests), f"{self._task.name}: testing", self.n_tests)
+
+    def _progress(self) -> RaceProgress:
+        return self._view.progress(self._task.cost, self._plan)
 
     def _show_race(self) -> None:
         now = self._progress()
         # After the last iteration, the rest of the budget goes into a race of the best.
         is_final = 0 < now.iterations < now.iteration
         stage = "final race" if is_final else f"iteration {now.iteration}"
-        if now.iteration < now.iterations or now.iteration == now.iterations == self._planned:  # no further ones yet
+        planned = self._plan.iterations
+        if now.iteration < now.iterations or now.iteration == now.iterations == planned:  # no further ones yet
             stage += f"/{now.iterations}"
-        text = f"{self._raced.name}: {stage}, {now.alive} alive{self._best_text(now)}"
-        self.show(self._n_run, text, self._budget)
+        text = f"{self._task.name}: {stage}, {now.alive} alive{self._best_text(now)}"
+        self.show(self._view.n_experiments, text, self._view.budget)
 
     def _best_text(self, now: RaceProgress) -> str:
         best = now.best
@@ -281,7 +291,7 @@ class RaceDisplay(Display):
             return ""
         sd = f"sd {best.sd:.3g}, " if best.n_results > 1 else ""
         how = f" ({sd}n={best.n_results})" if self.line.is_wide else ""
-        return f", best {self._raced.score(best.mean):.4g}{how}"
+        return f", best {self._task.score(best.mean):.4g}{how}"
 
 
 class AblationDisplay(Display):

@@ -13,7 +13,7 @@ from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.results.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
-from mercator_design.show.text.iterations import best_line, incumbents, iteration_notes, iterations_table
+from mercator_design.show.text.iterations import best_line, iteration_notes, iterations_table
 from mercator_design.show.text.summary import test_lines
 
 _COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
@@ -53,13 +53,13 @@ def run_summary(path: Path) -> str:
         RaceError: if there is no race, or its journal is corrupt.
     """
     reading = read_journal(path)
-    record, run = reading.record, run_of(path, reading)
+    record, run, view = reading.record, run_of(path, reading), reading.record.view
     if not record.start:
         return f"{path}: no race has begun here yet"
     task = TASKS[record.start["task"]]
     counted = {(one.configuration, one.instance) for one in record.experiments.values()}
     n_extra = sum(place not in counted for place in record.speculative)
-    failed = sum(one.score is None for one in record.results())
+    failed = sum(one.score is None for one in view.results())
     extended = ", ".join(map(str, record.budgets[:-1]))
     lines = [
         *task.about(record.start),
@@ -74,15 +74,15 @@ def run_summary(path: Path) -> str:
         *(f"Note       {note}" for note in run["notes"]),
         f"Digest     {record.digest()}",
     ]
-    if record.iterations:
-        lines += ["", *iterations_table(record), *iteration_notes(record), ""]
+    if view.incumbents:
+        lines += ["", *iterations_table(view), *iteration_notes(view), ""]
     if run["winner"] is not None:
         winner = [record.configurations[run["winner"]]]
         task.check(record.start, winner)
         columns = task.columns(record.start, winner)
-        tests = {number: Scores(scores) for number, scores in record.test_scores().items()}
+        tests = {number: Scores(scores) for number, scores in view.test_scores().items()}
         lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
-        lines += test_lines(record, tests, "on fresh instances")
+        lines += test_lines(view, tests, "on fresh instances")
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(map(printable, lines))
@@ -114,7 +114,7 @@ def _begun(folder: Path) -> Reading:
 def _cells(folder: Path, reading: Reading) -> dict[str, object]:
     """The column of a race."""
     record, run = reading.record, run_of(folder, reading)
-    start, winner = record.start, run["winner"]
+    start, winner, view = record.start, run["winner"], record.view
     return {
         "": str(folder),
         "name": start["name"],
@@ -130,8 +130,8 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
         "configurations": len(record.configurations),
         "state": run["state"],
         "winner": winner,
-        **_scores("race", [*record.scores_of(winner).values()]),
-        **_scores("test", record.test_scores().get(winner, ())),
+        **_scores("race", [*view.scores(winner).values()]),
+        **_scores("test", view.test_scores().get(winner, ())),
     }
 
 
@@ -160,7 +160,7 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     lines, names = [], []
     for folder in folders:
         record = _begun(folder).record
-        lines.append(best_line(printable(str(folder)), incumbents(record)))
+        lines.append(best_line(printable(str(folder)), record.view.incumbents))
         names.append(printable(str(record.start["name"])))
     caption = (
         f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"
@@ -223,11 +223,9 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
     if record.sessions:
         run["started"] = record.sessions[0].time
-    if record.ends:
-        winner = record.ends[-1].winner
-        run |= {"winner": winner, "score": fmean(record.scores_of(winner).values())}
-        if tests := record.test_scores().get(winner):
-            run["tested"] = fmean(tests)
+    if (winner := record.view.winner) is not None:
+        score = fmean(record.view.scores(winner).values())
+        run |= {"winner": winner, "score": score, "tested": record.view.tested_score}
     return run
 
 

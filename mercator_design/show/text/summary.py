@@ -12,8 +12,8 @@ from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.modules import with_parameters
 from mercator_design.missions.plugins import plugins
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
-from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import RaceResult, Task
+from mercator_design.race.session.view import RaceView
 from mercator_design.results.folder import RunFolder
 from mercator_design.show.text.columns import aligned
 from mercator_design.show.text.iterations import iteration_notes, iterations_table
@@ -33,7 +33,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         seconds: Run time of this process.
         jobs: Number of experiments that ran at the same time.
     """
-    task, record, optimizer = folder.task, folder.journal.record, folder.task.optimizer
+    task, view, optimizer = folder.task, folder.journal.record.view, folder.task.optimizer
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in optimizer.iterations)
@@ -50,13 +50,13 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         *(task.runs(new, tested) if new + tested else []),
         *(f"Note       {note}" for note in optimizer.notes),
         "",
-        *iterations_table(record),
+        *iterations_table(view),
         f"Ended: {'the whole budget is used' if optimizer.used == optimizer.budget else optimizer.stop_reason}",
-        *iteration_notes(record),
+        *iteration_notes(view),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",
-        *(_design(result, task, record, folder.path) if isinstance(task, Designer) else _elites(result, task, record)),
+        *(_design(result, task, view, folder.path) if isinstance(task, Designer) else _elites(result, task, view)),
     ]
     return "\n".join(map(printable, lines)) + "\n\n"
 
@@ -80,7 +80,7 @@ def _request(task: Task[Any]) -> list[str]:
     ]
 
 
-def _design(result: RaceResult, designer: Designer, record: Record, folder: Path) -> list[str]:
+def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path) -> list[str]:
     pfsm, scores = designer.pfsm(result.configuration), result.scores
     dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
     spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
@@ -92,14 +92,14 @@ def _design(result: RaceResult, designer: Designer, record: Record, folder: Path
         f"({spread}n={len(scores.values)}) over the race's instances"
         f"{'' if result.tests else '; measure it on fresh ones:'}",
         *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
-        *test_lines(record, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
+        *test_lines(view, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
         *(f"           {line}" for line in describe(pfsm, dead)),
         "",
         to_text(pfsm),
     ]
 
 
-def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
+def _elites(result: RaceResult, task: Task[Any], view: RaceView) -> list[str]:
     """The best configurations as a table with a line for each parameter, and the best one as a command line."""
     optimizer = task.optimizer
     numbers = [elite.configuration for elite in optimizer.elites]
@@ -110,15 +110,15 @@ def _elites(result: RaceResult, task: Task[Any], record: Record) -> list[str]:
         ["experiments", *(elite.n_results for elite in optimizer.elites)],
         *([name, *values] for name, values in columns.items()),
     ]
-    tests = test_lines(record, result.tests, "on fresh instances, beyond the budget")
+    tests = test_lines(view, result.tests, "on fresh instances, beyond the budget")
     return ["Best", *aligned(rows), *tests, "", optimizer.space.command_line(optimizer.configurations[numbers[0]])]
 
 
-def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[str]:
+def test_lines(view: RaceView, tests: Mapping[int, Scores], how: str) -> list[str]:
     """How tests were made, then a line for each configuration: the winner, other elites, those of iterations before."""
     if not tests:
         return []
-    roles = _roles(record)
+    roles = _roles(view)
     rows = [
         (f"configuration {number}", roles.get(number), _scores_text(tests[number]))
         for number in dict.fromkeys([*roles, *tests])
@@ -127,11 +127,11 @@ def test_lines(record: Record, tests: Mapping[int, Scores], how: str) -> list[st
     return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
 
 
-def _roles(record: Record) -> dict[int, str]:
+def _roles(view: RaceView) -> dict[int, str]:
     """The roles of configurations in a race that has ended: their best one, and the latest of equal ones."""
-    iterations = record.ended[::-1]
+    iterations = view.iterations[::-1]
     last, former = iterations[:1], iterations[1:]
-    roles = {record.ends[-1].winner: "winner"}
+    roles = {} if view.winner is None else {view.winner: "winner"}
     for rank, number in enumerate(last[0].elites if last else (), start=1):
         roles.setdefault(number, f"elite {rank}")
     for rank in range(1, max((len(one.elites) for one in former), default=0) + 1):

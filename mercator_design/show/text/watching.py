@@ -7,7 +7,6 @@ from pathlib import Path
 from mercator_design.race.session.events import Event, SessionStopped
 from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.race.session.record import Record
-from mercator_design.race.session.standing import Standing
 from mercator_design.results.files import JOURNAL, read_provenance, resume_command, task_of
 from mercator_design.show.text.progress import Mode, RaceDisplay
 
@@ -32,15 +31,13 @@ def follow(path: Path, mode: Mode, *, announce: Callable[[str], None], sleep: Sl
     """
     reading, events = _begun(path, announce, sleep)
     provenance, task = read_provenance(path), task_of(path)
-    standing = Standing(task.cost, task.optimizer.progress)
-    record = reading.record
-    with RaceDisplay(task, record.budget, provenance.testing, mode, progress=lambda: standing.progress) as display:
+    record, plan = reading.record, task.optimizer.progress
+    with RaceDisplay(task, record.view, provenance.testing, mode, plan=plan) as display:
         display.known = len(record.experiments)
         is_announced = False
         while True:
             is_running = is_locked(reading.path)  # first, because a race that ends writes and then unlocks
             for event in [*events, *reading.read_on()]:
-                standing.note(event)
                 display.note(event)
             events = []
             if is_running:

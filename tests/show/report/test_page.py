@@ -30,7 +30,6 @@ from mercator_design.show.report import request as requests
 from mercator_design.show.report.choice import verdict
 from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.page import REPORT, report_page
-from mercator_design.show.text.iterations import incumbents
 from tests.race.damage import damaged
 
 pytestmark = pytest.mark.together
@@ -134,7 +133,7 @@ class TestNumbers:
     def test_best_of_each_iteration(self, page, facts):
         points = [(float(one["data-x"]), float(one["data-y"])) for one in page.all("data-y")]
         used = 0
-        for one in incumbents(facts.record):
+        for one in facts.view.incumbents:
             used += one.ended.used
             mean = Scores(tuple(one.scores.values())).mean
             assert any(x == used and y == pytest.approx(mean, rel=1e-5) for x, y in points)
@@ -142,7 +141,7 @@ class TestNumbers:
     def test_cells_are_the_elites_results(self, page, facts):
         cells = [float(one["data-value"]) for tag, one in page.elements if tag == "rect" and set(one) >= {"data-value"}
                  and "data-name" not in one]  # fmt: skip
-        expected = [score for one in facts.elites for _, score in sorted(facts.scores[one].items())]
+        expected = [score for one in facts.elites for _, score in sorted(facts.view.scores(one).items())]
         assert cells == pytest.approx(expected, rel=1e-5)
 
     def test_comparisons_with_the_winner(self, page, proof):
@@ -203,7 +202,7 @@ class TestAblation:
     @pytest.fixture
     def shown(self, folder, monkeypatch):
         """The section, if a table is there: {} is the text of the winner."""
-        monkeypatch.setattr(importances, "measured", lambda _: (None, SimpleNamespace(parameters=())))
+        monkeypatch.setattr(importances, "race_importance", lambda _: (None, SimpleNamespace(parameters=())))
 
         def show(text):
             facts = Facts.read(folder)

@@ -14,6 +14,7 @@ from mercator_design.race.elimination.summary import Elite, Progress
 from mercator_design.race.session import evaluation, events
 from mercator_design.race.session.events import ExperimentDone, IterationEnded
 from mercator_design.race.session.journal import read
+from mercator_design.race.session.view import RaceView
 from mercator_design.results.files import JOURNAL
 from mercator_design.show.text.progress import Display, RaceDisplay
 from mercator_design.show.text.watching import follow
@@ -43,17 +44,30 @@ class TestPlainLines:
         return Clock()
 
     @pytest.fixture
-    def display(self, clock):
+    def view(self):
+        return RaceView(500)
+
+    @pytest.fixture
+    def display(self, clock, view):
         best = Elite(configuration=31, mean=-2.8, sd=0.414, n_results=15)
         at = Progress(iteration=2, iterations=9, alive=17, used=0, budget=500, best=best)
-        task = SimpleNamespace(name="\x1b[31mred\n\u202e", score=lambda cost: -cost)
+        task = SimpleNamespace(name="\x1b[31mred\n\u202e", score=lambda cost: -cost, cost=lambda score: -score)
         tests = evaluation.Testing(runs=5, elites=2)
-        return RaceDisplay(task, 500, tests, "plain", progress=lambda: at, clock=clock)
+        view.live = lambda: at
+        return RaceDisplay(task, view, tests, "plain", plan=at, clock=clock)
 
-    def test_at_least_every_30_seconds(self, display, clock, capsys):
+    @pytest.fixture
+    def note(self, display, view):
+        def note(event):
+            view.note(event)
+            display.note(event)
+
+        return note
+
+    def test_at_least_every_30_seconds(self, display, note, clock, capsys):
         for number in range(100):
             clock.now += 0.29
-            display.note(experiment(number))
+            note(experiment(number))
         assert capsys.readouterr().err == ""
         clock.now += 1.1
         display.line.print_if_due()  # nothing happens, but time goes on
@@ -63,13 +77,13 @@ class TestPlainLines:
             "0:01:57 left\n"
         )
 
-    def test_at_the_end_of_an_iteration_and_for_tests(self, display, clock, capsys):
+    def test_at_the_end_of_an_iteration_and_for_tests(self, note, clock, capsys):
         clock.now += 10.0
         numbers = {"iteration": 2, "budget": 100, "used": 50, "configurations": 20, "instances": 5, "alive": 4}
         for postselection in (False, True):
-            display.note(IterationEnded(**numbers, elites=(31, 7), stagnant=0, note="", postselection=postselection))
+            note(IterationEnded(**numbers, elites=(31, 7), stagnant=0, note="", postselection=postselection))
         clock.now += 40.0
-        display.note(events.TestDone(configuration=31, instance=0, seed=1, score=1.0))
+        note(events.TestDone(configuration=31, instance=0, seed=1, score=1.0))
         lines = capsys.readouterr().err.splitlines()
         assert [line.partition(": ")[2].partition(",")[0] for line in lines] == [
             "iteration 2 ended",

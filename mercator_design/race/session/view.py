@@ -1,0 +1,190 @@
+"""How a race stands: who leads, how many are alive, how far it is, and what was measured.
+
+Whatever shows or follows a race asks its `RaceView`: the terminal, reports, lists, services. It takes the events of the
+race in their order, whether they come from the race itself, from its journal or from a service. A `Record` has one,
+which is always as far as the record.
+
+An event takes constant time, so a race does not slow down while it grows; only the end of an iteration copies the
+scores of the best configuration. Questions about one configuration take time in proportion to its experiments.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from statistics import fmean, stdev
+from typing import NamedTuple
+
+from mercator_design.race.elimination.race import Experiment
+from mercator_design.race.elimination.summary import Elite, Progress
+from mercator_design.race.session.events import (
+    BudgetExtended,
+    ConfigurationAdded,
+    Event,
+    ExperimentDone,
+    IterationEnded,
+    RaceEnded,
+    ScoreRevised,
+    TestDone,
+)
+
+
+class Incumbent(NamedTuple):
+    """The best configuration of an iteration, with its scores at that time.
+
+    scores: By instance; all that it has seen by the end of the iteration.
+    before: The scores of the best of the iteration before, by then; None if there was none, or it is the same one.
+    """
+
+    ended: IterationEnded
+    scores: Mapping[int, float]
+    before: Mapping[int, float] | None
+
+
+class RaceView:
+    """How a race stands after its events so far.
+
+    Args:
+        budget: That of the beginning of the race.
+
+    Attributes:
+        budget: The largest budget so far.
+        is_complete: Whether the race has ended under the largest budget.
+        winner: The number of the configuration that has won under the last budget under which the race has ended.
+        n_experiments: Number of experiments that have run.
+        incumbents: The best of each iteration that has ended, with the scores at that time.
+        tests: All tests that have run.
+        live: The progress that the optimizer knows, if the race runs in this process.
+    """
+
+    def __init__(self, budget: int = 0) -> None:
+        self.budget = budget
+        self.is_complete = False
+        self.winner: int | None = None
+        self.n_experiments = 0
+        self.incumbents: list[Incumbent] = []
+        self.tests: dict[Experiment, TestDone] = {}
+        self.live: Callable[[], Progress] | None = None
+        self._iteration = 1
+        self._results: dict[int, dict[int, ExperimentDone]] = {}  # by configuration and instance, with current scores
+        self._new: set[int] = set()  # configurations of this iteration
+        self._ran: dict[int, set[int]] = {}  # those that ran on each instance in this iteration
+
+    def note(self, event: Event) -> None:
+        """Take an event."""
+        match event:
+            case ExperimentDone():
+                self.n_experiments += 1
+                self._iteration = event.iteration
+                self._results.setdefault(event.configuration, {})[event.instance] = event
+                self._ran.setdefault(event.instance, set()).add(event.configuration)
+            case ConfigurationAdded():
+                self._new.add(event.configuration)
+            case ScoreRevised():
+                known = self._results.get(event.configuration, {})
+                if (one := known.get(event.instance)) is not None:
+                    known[event.instance] = replace(one, score=event.score, failure=event.failure)
+            case TestDone():
+                self.tests[Experiment(event.configuration, event.instance)] = event
+            case IterationEnded():
+                best, before = event.elites[0], self._last_best
+                scores_before = None if before is None or before == best else self.scores(before)
+                self.incumbents.append(Incumbent(event, self.scores(best), scores_before))
+                self._new.clear()
+                self._ran.clear()
+            case BudgetExtended():
+                self.budget, self.is_complete = event.budget, False
+            case RaceEnded():
+                self.winner, self.is_complete = event.winner, event.budget == self.budget
+
+    @property
+    def iterations(self) -> list[IterationEnded]:
+        """The iterations that have ended."""
+        return [one.ended for one in self.incumbents]
+
+    @property
+    def leader(self) -> int | None:
+        """The winner, or the best configuration of the last iteration that has ended."""
+        return self.winner if self.is_complete else self._last_best
+
+    @property
+    def _last_best(self) -> int | None:
+        return self.incumbents[-1].ended.elites[0] if self.incumbents else None
+
+    def scores(self, configuration: int) -> dict[int, float]:
+        """The current scores of a configuration, by instance of the race, in the order of its experiments."""
+        found = sorted(self._results.get(configuration, {}).values(), key=lambda one: one.experiment)
+        return {one.instance: one.score for one in found if one.score is not None}
+
+    def results(self) -> list[ExperimentDone]:
+        """The experiments in order of their numbers, with their current scores."""
+        found = (one for results in self._results.values() for one in results.values())
+        return sorted(found, key=lambda one: one.experiment)
+
+    @property
+    def best_score(self) -> float | None:
+        """The mean of the scores of the leader."""
+        scores = {} if self.leader is None else self.scores(self.leader)
+        return fmean(scores.values()) if scores else None
+
+    def test_scores(self) -> dict[int, tuple[float, ...]]:
+        """The scores of each configuration in the order of the test instances, without failed tests."""
+        found: dict[int, list[float]] = {}
+        for where in sorted(self.tests):
+            if (score := self.tests[where].score) is not None:
+                found.setdefault(where.configuration, []).append(score)
+        return {configuration: tuple(scores) for configuration, scores in found.items()}
+
+    @property
+    def tested_score(self) -> float | None:
+        """The mean of the scores of the winner in its tests."""
+        of_winner = (one.score for one in self.tests.values() if one.configuration == self.winner)
+        scores = [score for score in of_winner if score is not None]
+        return fmean(scores) if scores else None
+
+    def progress(self, cost: Callable[[float], float], plan: Progress) -> Progress:
+        """How far the race is.
+
+        Events alone do not say which configurations were eliminated, or how the plan of iterations has changed. So if
+        the race runs in another process, the number of alive configurations is that of the last instance on which all
+        of them have run, and the plan is that of the beginning of the race.
+
+        Args:
+            cost: The cost of a score, which the race minimises.
+            plan: The progress of its optimizer before it has begun; without iterations, their number is not known.
+        """
+        if self.live is not None:
+            return self.live()
+        return Progress(
+            iteration=self._iteration,
+            iterations=max(plan.iterations, self._iteration) if plan.iterations else 0,
+            alive=self._n_alive(),
+            used=self.n_experiments,
+            budget=self.budget,
+            best=self._best(cost),
+        )
+
+    def _n_alive(self) -> int:
+        last = self.incumbents[-1].ended if self.incumbents else None
+        elites = set[int]() if last is None else {*last.elites}
+        if last is not None and not self._ran:
+            return last.alive
+        if len(self._ran) < 2:
+            return len(elites | self._new.union(*self._ran.values()))
+        instance = [*self._ran][-2]
+        return len(self._ran[instance] | {elite for elite in elites if self._has_score(elite, instance)})
+
+    def _has_score(self, configuration: int, instance: int) -> bool:
+        one = self._results.get(configuration, {}).get(instance)
+        return one is not None and one.score is not None
+
+    def _best(self, cost: Callable[[float], float]) -> Elite | None:
+        """The best of the last iteration; in the first one, the best of those with the most results."""
+        numbers = self._results if self._last_best is None else [self._last_best]
+        costs = {number: [cost(score) for score in self.scores(number).values()] for number in numbers}
+        known = {number: (-len(few), fmean(few)) for number, few in costs.items() if few}
+        if not known:
+            return None
+        best = min(known, key=lambda one: known[one])
+        few = costs[best]
+        sd = stdev(few) if len(few) > 1 else math.nan
+        return Elite(configuration=best, mean=fmean(few), sd=sd, n_results=len(few))

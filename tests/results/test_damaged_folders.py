@@ -26,7 +26,7 @@ from mercator_design.race.session.journal import Journal
 from mercator_design.race.session.runner import RaceRun
 from mercator_design.results import folder as run_folder
 from mercator_design.results import tables
-from mercator_design.results.analysis import analysis
+from mercator_design.results.analysis.importance import race_importance
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance, restored
 from mercator_design.results.folder import RunFolder
 from mercator_design.results.provenance import Request
@@ -75,7 +75,7 @@ def looks_at(path):
         lambda: tables.experiments_table(path).to_csv(),
         lambda: tables.configurations_table(path).to_csv(),
         lambda: tables.tests_table(path).to_csv(),
-        lambda: analysis.importance(path),
+        lambda: race_importance(path),
         verified,
     ):
         try:

@@ -40,7 +40,6 @@ from mercator_design.race.session.journal import Journal
 from mercator_design.race.session.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
 from mercator_design.race.session.record import Record, another_race
 from mercator_design.race.session.task import Problem, RaceResult
-from mercator_design.race.session.view import RaceView
 
 T = TypeVar("T")
 
@@ -82,6 +81,7 @@ class RaceRun(Generic[T]):
         self._optimizer = problem.optimizer
         self._executor = executor
         self._journal, self._record = record, record.record
+        self.view = self._record.view  # after all events that are recorded
         self.view.live = lambda: self._optimizer.progress
         self._on_failure = on_failure
         self._testing = testing
@@ -100,11 +100,6 @@ class RaceRun(Generic[T]):
         self._n_told = self._n_iterations = self._n_revised = self._n_ends = 0
         self._ended = False
         self._result: RaceResult | None = None
-
-    @property
-    def view(self) -> RaceView:
-        """How the race stands, after all events that are recorded."""
-        return self._record.view
 
     def __iter__(self) -> Iterator[Event]:
         return self
@@ -138,13 +133,11 @@ class RaceRun(Generic[T]):
         tests: dict[int, Scores] = {}
         if self._testing is not None:
             yield from self._run_tests(self._testing)
-            known = self.view.test_scores()
-            numbers = self._testing.configurations(self._optimizer)
+            known, numbers = self.view.test_scores(), self._testing.configurations(self._optimizer)
             tests = {number: Scores(known[number]) for number in numbers if number in known}
-        best = self._optimizer.best.configuration
-        finished = tuple(self.view.results())
-        scores = tuple(one.score for one in finished if one.configuration == best and one.score is not None)
-        self._result = RaceResult(configuration=best, scores=Scores(scores), tests=tests, finished=finished)
+        best, finished = self._optimizer.best.configuration, tuple(self.view.results())
+        scores = Scores(tuple(self.view.scores(best).values()))
+        self._result = RaceResult(configuration=best, scores=scores, tests=tests, finished=finished)
 
     def _run_race(self) -> Iterator[Event]:
         """Run the race to its end under each of the record's budgets."""

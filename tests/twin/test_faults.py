@@ -1,5 +1,6 @@
 """What goes wrong by a script, and what a script may say."""
 
+import math
 import random
 import re
 from collections import Counter
@@ -9,11 +10,15 @@ from typing import get_args
 import pytest
 
 from mercator_design.errors import SettingsError
+from mercator_design.robot.protocols.multiflex import BINARY_MODE, Acknowledgement
 from mercator_design.robot.protocols.rvr import Flags, Response
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
+from mercator_design.robot.protocols.ydlidar import Packet, Turns, encode_command
+from mercator_design.twin.devices.lidar import with_intensities
 from mercator_design.twin.faults import (
     Battery,
+    Blind,
     Damage,
     Double,
     Fault,
@@ -25,12 +30,16 @@ from mercator_design.twin.faults import (
     LockedSlots,
     Lose,
     NoStream,
+    OldHub,
+    OtherLidar,
     PortLoss,
+    Post,
     RefusedCommand,
     Script,
     Service,
     Silence,
     SlowStream,
+    SlowTurns,
     Stall,
     WrongBaud,
     read_script,
@@ -375,3 +384,77 @@ class TestInATwin:
             talk.wait(0.4)
             there.append([talk.robot.is_plugged_in(device) for device in ("rvr", "lidar", "proximity")])
         assert there == [[True] * 3, [True, False, True], [True] * 3]
+
+
+class TestLidars:
+    """Robot 0 at the origin sees the head of robot 1 to its left, at 1 m."""
+
+    @staticmethod
+    def scanning(*faults):
+        """A lidar in its scan, with faults from the start."""
+        talk = Talk((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), script=Script(faults=faults))
+        talk.robot.note_port("lidar", is_open=True, now=0.0)
+        talk.wait(0.02)
+        return talk, talk.hear("lidar", encode_command("scan"))
+
+    @classmethod
+    def seen(cls, *faults):
+        """Ranges [m] around 90 degrees and around 270 degrees of each turn of two seconds."""
+        talk, _ = cls.scanning(*faults)
+        turns = Turns()
+        found = [turn for packet in talk.wait(2.5)["lidar"] if (turn := turns.receive(packet)) is not None]
+        near = math.radians(3.0)
+        return [
+            [{round(r, 1) for angle, r in turn if abs(angle - math.radians(at)) < near and r} for at in (90, 270)]
+            for turn in found
+        ]
+
+    def test_without_a_fault(self):
+        assert self.seen() == [[{1.0}, set()]] * 14
+
+    def test_a_sector_or_some_turns_in_which_nothing_is_seen(self):
+        assert self.seen(Blind(at=0.0, robot=0)) == [[set(), set()]] * 14
+        assert self.seen(Blind(at=0.0, robot=0, sector=(80.0, 100.0))) == [[set(), set()]] * 14
+        assert self.seen(Blind(at=0.0, robot=0, sector=(100.0, 80.0))) == [[{1.0}, set()]] * 14
+        empty = [not left for left, _ in self.seen(Blind(at=0.0, robot=0, turns=0.25))]
+        assert empty == [False, False, False, True] * 3 + [False, False]
+
+    def test_a_part_of_the_robot_is_seen_where_it_is(self):
+        assert self.seen(Post(at=0.0, robot=0, sector=(265.0, 275.0), distance=0.2)) == [[{1.0}, {0.2}]] * 14
+        assert self.seen(Post(at=0.0, robot=0, sector=(75.0, -75.0), distance=0.2)) == [[{0.2}, {0.2}]] * 14
+
+    def test_turns_at_another_speed(self):
+        assert len(self.seen(SlowTurns(at=0.0, robot=0, rate=3.0))) == 6
+
+    def test_other_lidars(self):
+        talk, said = self.scanning(OtherLidar(at=0.0, robot=0, model=5, unanswered=("health", "scan")))
+        assert said == []
+        assert talk.wait(1.0)["lidar"]
+        assert talk.hear("lidar", encode_command("stop") + encode_command("health")) == []
+        (info,) = talk.hear("lidar", encode_command("device_info"))
+        assert info.model == 5
+
+    def test_a_lidar_that_sends_unasked(self):
+        talk, _ = self.scanning(OtherLidar(at=0.0, duration=2.0, robot=0, one_way=True))
+        assert talk.hear("lidar", encode_command("stop") + encode_command("health")) == []
+        assert talk.wait(1.0)["lidar"]
+        talk.wait(1.5)
+        talk.hear("lidar", encode_command("stop"))
+        assert talk.wait(1.0)["lidar"] == []
+
+    def test_samples_of_three_bytes(self):
+        """The first byte is an intensity; the checksum is that of the maker's SDK."""
+        talk, _ = self.scanning(OtherLidar(at=0.0, robot=0, intensities=True))
+        assert {len(packet.samples) for packet in talk.wait(1.0)["lidar"]} <= {1}  # those of range 0 are an X4's, too
+        assert talk.ends["lidar"].counts.lost > 8_000
+        packet = Packet(0x280, 0x2C0, (0x0FA0, 0x0FA4))
+        assert with_intensities(packet) == bytes.fromhex("aa550002010581052e5755a00f55a40f")
+
+    def test_a_hub_with_old_firmware(self):
+        talk = Talk(script=Script(faults=(OldHub(at=0.5, duration=1.0, robot=0),)))
+        answers = []
+        for _ in range(3):
+            said = talk.hear("proximity", BINARY_MODE.encode())
+            answers += [event for event in said if isinstance(event, Acknowledgement)]
+            talk.wait(0.8)
+        assert answers == [Acknowledgement(0x11, ok) for ok in (True, False, True)]

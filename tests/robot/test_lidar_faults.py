@@ -63,6 +63,7 @@ class TestCheck:
         code, found = rows(LidarState(hidings=(Hiding(distance),)))
         mark, words = found["lidar's sight"]
         assert (code, mark, words[:22]) == (0, "look", "0 readings in a turn; ")
+        assert words.endswith("A run that reads neighbours would stop after 5 s (limits.lidar_blind)")
 
     @pytest.mark.parametrize(
         ("sector", "proposal"),

@@ -114,6 +114,26 @@ def test_one_that_is_refused_is_not(link, line):
     assert len(line.commands) == 1
 
 
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (
+            Error.BAD_COMMAND,
+            "was refused: bad command; its firmware does not know this: update it with the app Sphero Edu",
+        ),
+        (
+            Error.BAD_DEVICE,
+            "was refused: bad device; its firmware does not know this: update it with the app Sphero Edu",
+        ),
+        (Error.RESTRICTED, "was refused: restricted; switch it off and on"),
+    ],
+)
+def test_what_to_do_about_a_refusal(link, line, error, words):
+    line.answer = lambda commands: line.robot.answer(commands[-1].frame, error)
+    with pytest.raises(RobotError, match=words):
+        link.ask("enable_color_detection", is_enabled=True)
+
+
 def test_one_that_never_arrives_whole_is_given_up(link, line):
     line.answer = lambda commands: line.robot.answer(commands[-1].frame, Error.BAD_DATA_LENGTH)
     with pytest.raises(RobotError, match="enable_color_detection was refused: bad data length"):

@@ -286,7 +286,7 @@ class TestStart:
             ),
             (
                 lambda d: d.instead.update(set_custom_control_system_timeout={"error": 3}),
-                r"^rvr: set_custom_control_system_timeout was refused: not yet implemented; switch it off",
+                r"^rvr: set_custom_control_system_timeout was refused: not yet implemented; its firmware does",
             ),
             (
                 lambda d: d.instead.update(set_custom_control_system_timeout={"error": 0x55}),

@@ -50,6 +50,7 @@ _FOREIGN: Mapping[DeviceName, str] = {
     "lidar": "another model or mode, another device, or another baud rate",
     "proximity": "another device, or another baud rate",
 }
+_UNKNOWN_COMMAND = {Error.BAD_DEVICE, Error.BAD_COMMAND, Error.NOT_YET_IMPLEMENTED}
 _JOINED = "what is sent comes back: the UART works, and its TX and RX are joined; connect them to RX and TX of the RVR"
 
 Event: TypeAlias = Response | Notification | StreamData | Unknown | ydlidar.Event | multiflex.Event
@@ -120,7 +121,7 @@ class Link:
         response = self.request(name, target, **values)
         if response.error:
             refused = f"{name} was refused: {words(response.error)}"
-            raise RobotError(f"rvr: {refused}; switch it off and on (rvr on {self.lines['rvr'].port})")
+            raise RobotError(f"rvr: {refused}; {error_remedy(response.error)} (rvr on {self.lines['rvr'].port})")
         return response.values
 
     def refusal(self, name: str, target: Processor | None = None, /, **values: Value) -> str:
@@ -265,3 +266,10 @@ class Link:
 def words(error: int) -> str:
     """An error of the RVR as text."""
     return Error(error).name.lower().replace("_", " ") if error in list(Error) else f"error {error:#04x}"
+
+
+def error_remedy(error: int) -> str:
+    """What to do about an error of the RVR."""
+    if error in _UNKNOWN_COMMAND:
+        return "its firmware does not know this: update it with the app Sphero Edu"
+    return "switch it off and on"

@@ -12,7 +12,7 @@ import serial
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm.reference import Readings, Wheels
-from mercator_design.robot.devices.link import Heard, Link, words
+from mercator_design.robot.devices.link import Heard, Link, error_remedy, words
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import (
@@ -136,7 +136,7 @@ class Mercator:
         """Take in that the RVR has refused a drive command; send it again if it was damaged on its way."""
         if error not in DAMAGED:
             port = self._link.lines["rvr"].port
-            raise RobotStopped(f"rvr: it does not drive: {words(error)}; switch it off and on (rvr on {port})")
+            raise RobotStopped(f"rvr: it does not drive: {words(error)}; {error_remedy(error)} (rvr on {port})")
         self._link.answers.repeated += self.brake.repeat()
 
     def lines(self) -> dict[DeviceName, list[float]]:

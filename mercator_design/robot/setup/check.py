@@ -10,7 +10,7 @@ from typing import Any
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.findings import DeviceCheck, RobotFinding, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
-from mercator_design.robot.devices.link import Heard, Link
+from mercator_design.robot.devices.link import Heard, Link, error_remedy
 from mercator_design.robot.devices.link import words as error_words
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.samples import SERVICE_OF
@@ -118,7 +118,7 @@ def _of_commands(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     )
     timeout = f"{settings.rvr.timeout:g} s"
     if refused:
-        words = f"it does not drive: {error_words(refused[0])}; switch it off and on"
+        words = f"it does not drive: {error_words(refused[0])}; {error_remedy(refused[0])}"
         yield RobotFinding("rvr's drive", is_fine=False, words=words)
     else:
         words = f"commands {'end' if is_seen else 'are not seen to end'} by themselves after {timeout}"

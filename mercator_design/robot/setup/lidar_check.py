@@ -39,7 +39,7 @@ def check_lidar(settings: Settings, link: Link, duration: float) -> Iterator[Rob
     if not is_foreign:
         yield _turns(rate_of(measured.times, duration), settings)
     if measured.readings:
-        yield _sight(measured.readings)
+        yield _sight(measured.readings, settings.limits.lidar_blind)
         yield from _directions(measured.view)
 
 
@@ -99,13 +99,16 @@ def _turns(rate: float, settings: Settings) -> RobotFinding:
     return RobotFinding("lidar's turns", rate >= least, f"{words}; {slow}", is_unclear=True)
 
 
-def _sight(readings: list[int]) -> RobotFinding:
-    """The finding on the numbers of readings in turns; each turn is judged."""
+def _sight(readings: list[int], limit: float | None) -> RobotFinding:
+    """The finding on the numbers of readings in turns; each turn is judged. `limit` is that of a run [s]."""
     usual = median_low([each for each in readings if each >= MIN_READINGS] or [0])
     empty = sum(each < MIN_READINGS for each in readings)
     words = f"{usual} readings in a turn"
     if not usual:
-        return RobotFinding("lidar's sight", is_fine=True, words=f"{words}; {REMEDY}", is_unclear=True)
+        stops = (
+            "" if limit is None else f" A run that reads neighbours would stop after {limit:g} s (limits.lidar_blind)"
+        )
+        return RobotFinding("lidar's sight", is_fine=True, words=f"{words}; {REMEDY}{stops}", is_unclear=True)
     if not empty:
         return RobotFinding("lidar's sight", is_fine=True, words=words)
     words += f", but none in {empty} of {len(readings)} turns; {FLICKER_REMEDY}"

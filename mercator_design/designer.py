@@ -37,7 +37,7 @@ from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.session.task import RaceResult, Start, Task
-from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
+from mercator_design.race.space.relations import ValueIn, ValuePlus
 from mercator_design.race.space.space import Structure
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
@@ -293,10 +293,7 @@ def flavour_space(flavour: str, structure: Structure | None = None) -> Space:
 
 
 def _parameter(one: GrammarParameter) -> Parameter:
-    condition: ValueIn | ValueAbove | None = None
-    if one.condition is not None:
-        name, wanted = one.condition
-        condition = ValueIn(name, wanted) if isinstance(wanted, tuple) else ValueAbove(name, wanted)
+    condition = None if one.condition is None else ValueIn(*one.condition)
     if one.values:
         return categorical(one.name, one.values, switch=one.switch, condition=condition)
     high = ValuePlus(*one.high) if isinstance(one.high, tuple) else one.high

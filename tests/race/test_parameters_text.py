@@ -8,7 +8,7 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.irace.parameters import parameters_text
-from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
+from mercator_design.race.space.relations import ValueIn, ValuePlus
 from tests.race.spaces import machines, uniform
 
 TEXT = """
@@ -57,15 +57,17 @@ def test_relations_are_written_in_irace_s_language():
     space = Space(
         [
             integer("n", 1, 4, switch="--n "),
-            integer("m", 1, ValuePlus("n", 2), condition=ValueAbove("n", 1)),
-            categorical("c", ["a b", "d"], condition=ValueAbove("m", 2)),
+            integer("m", 1, ValuePlus("n", 2), condition=ValueIn("n", range(2, 5))),
+            integer("k", 1, 3, condition=ValueIn("n", range(2, 4))),
+            categorical("c", ["a b", "d"], condition=ValueIn("k", range(3, 4))),
             real("x", ValuePlus("n", -1), 9, digits=2, condition=ValueIn("c", ("a b", "d"))),
         ]
     )
     assert parameters_text(space).splitlines() == [
         'n "--n " i (1, 4)',
         'm "" i (1, "n+2") | n > 1',
-        'c "" c ("a b", d) | as.numeric(m) > 2',
+        'k "" i (1, 3) | n %in% c("2", "3")',
+        'c "" c ("a b", d) | as.numeric(k) > 2',
         'x "" r ("n-1", 9) | c %in% c("a b", "d")',
         "",
         "[global]",

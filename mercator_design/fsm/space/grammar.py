@@ -39,8 +39,8 @@ class GrammarParameter(NamedTuple):
     low: float = 0
     high: float | tuple[str, int] = 0  # a number, or another parameter and what is added to it
     digits: int = 0  # decimals of a number
-    condition: tuple[str, tuple[str, ...] | int] | None = None
-    """Another parameter, and its values, or the number that it exceeds, where this one is active; None: everywhere."""
+    condition: tuple[str, tuple[str, ...] | range] | None = None
+    """Another parameter, and its values with which this one is active; None: it always is."""
 
 
 class _Chosen(NamedTuple):
@@ -76,14 +76,14 @@ def parameters_of(flavour: str) -> Iterator[GrammarParameter]:
     behaviours, conditions = modules_of(flavour)
     yield GrammarParameter("NumStates", "--nstates ", low=1, high=MAX_STATES)
     for i in range(MAX_STATES):
-        exists = ("NumStates", i)
+        exists = ("NumStates", range(i + 1, MAX_STATES + 1))
         yield GrammarParameter(f"S{i}", f"--s{i} ", values=_numbers(behaviours), condition=exists)
         yield from _of_modules(behaviours, f"{i}", f"S{i}")
-        connected = ("NumStates", max(i, 1))
+        connected = ("NumStates", range(max(i, 1) + 1, MAX_STATES + 1))
         number = f"NumConnections{i}"
         yield GrammarParameter(number, f"--n{i} ", low=1, high=MAX_TRANSITIONS, condition=connected)
         for j in range(MAX_TRANSITIONS):
-            transition, exists = f"{i}x{j}", (number, j)
+            transition, exists = f"{i}x{j}", (number, range(j + 1, MAX_TRANSITIONS + 1))
             yield GrammarParameter(f"N{transition}", f"--n{transition} ", high=("NumStates", -2), condition=exists)
             condition = f"C{transition}"
             yield GrammarParameter(condition, f"--c{transition} ", values=_numbers(conditions), condition=exists)

@@ -15,7 +15,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.parameter import DEFAULT_DIGITS, MAX_DIGITS, Kind, Parameter, bound_of
 from mercator_design.race.space.r_operators import number_text
-from mercator_design.race.space.relations import ValueAbove, ValueIn
+from mercator_design.race.space.relations import ValueIn
 from mercator_design.race.space.space import Space
 
 _KINDS: dict[str, Kind] = {"c": "categorical", "o": "ordered", "i": "integer", "r": "real"}
@@ -92,11 +92,11 @@ def condition_text(parameter: Parameter, space: Space) -> str:
     match parameter.condition:
         case None:
             return "TRUE"
-        case ValueIn(name, values):
-            return f"{name} %in% c({', '.join(map(_quoted, values))})"
-        case ValueAbove(name, limit):  # as AutoMoDe's files write it
+        case ValueIn(name, range() as values) if values[-1] == space[name].high:  # as AutoMoDe's files write it
             number = name if space[name].condition is None else f"as.numeric({name})"
-            return f"{number} > {number_text(limit)}"
+            return f"{number} > {values[0] - 1}"
+        case ValueIn(name, values):
+            return f"{name} %in% c({', '.join(_quoted(str(value)) for value in values)})"
         case expression:
             return expression.text
 

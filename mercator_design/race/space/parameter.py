@@ -13,7 +13,7 @@ from typing import Any, Literal
 from mercator_design.errors import RaceError
 from mercator_design.race.space.expressions import Expression
 from mercator_design.race.space.r_operators import MAX_INTEGER, number, number_text
-from mercator_design.race.space.relations import ValueAbove, ValueIn, ValuePlus
+from mercator_design.race.space.relations import ValueIn, ValuePlus
 
 Value = str | int | float
 Configuration = dict[str, Value]
@@ -22,7 +22,7 @@ Key = tuple[Value, ...]
 Kind = Literal["categorical", "ordered", "integer", "real"]
 Bounds = tuple[float, float]
 Bound = float | Expression | ValuePlus
-Condition = Expression | ValueIn | ValueAbove
+Condition = Expression | ValueIn
 
 DEFAULT_DIGITS = 4
 """Decimal places of a real value (irace)."""

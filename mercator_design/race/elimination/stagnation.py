@@ -75,7 +75,7 @@ def agreement(costs: Sequence[Mapping[int, float]]) -> tuple[float, float] | Non
     table = np.array([[own[instance] for own in costs] for instance in common])
     if (np.ptp(table, axis=1) == 0).all():
         return math.nan, 1.0
-    kendall = concordance(table).kendall
+    kendall = concordance(table)
     return kendall, float(scipy.special.chdtrc(k - 1, n * (k - 1) * kendall))
 
 

@@ -43,14 +43,6 @@ class Verdict(NamedTuple):
     p_value: float
 
 
-class Concordance(NamedTuple):
-    """The agreement of the instances on the configurations (irace's table columns rho, KenW, Qvar)."""
-
-    spearman: float
-    kendall: float
-    variance: float
-
-
 def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
     """Test a table of at least one instance and two configurations.
 
@@ -99,18 +91,13 @@ def column_means(costs: Floats) -> Floats:
     return refined
 
 
-def concordance(costs: Floats) -> Concordance:
-    """Spearman's rho, Kendall's W, and the mean variance of the columns of standardised rows."""
+def concordance(costs: Floats) -> float:
+    """Kendall's W: how well two instances or more agree on two configurations or more (irace's table column KenW)."""
     n, k = costs.shape
-    if n < 2 or k < 2:
-        return Concordance(math.nan, math.nan, math.nan)
     ranks, ties = mid_ranks(costs)
     spread = 12 * ((ranks.sum(axis=0) - n * (k + 1) / 2) ** 2).sum()
     span = n * n * (k**3 - k) - n * ties
-    kendall = float(spread / span) if span > 0 else 1.0
-    deviations = costs.std(axis=1, ddof=1, keepdims=True)
-    scores = (costs - costs.mean(axis=1, keepdims=True)) / np.where(deviations == 0, 1.0, deviations)
-    return Concordance((n * kendall - 1) / (n - 1), kendall, float(scores.var(axis=0, ddof=1).mean()))
+    return float(spread / span) if span > 0 else 1.0
 
 
 def signed_rank_p_value(differences: Floats) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
@@ -117,26 +117,18 @@ def results_of(
 
 def experiment_of(problem: Problem[T], number: int, where: Experiment, result: Measurement | Failed) -> ExperimentDone:
     """The event of an experiment of the current batch that has run."""
-    score, outcome, failure = read_result(result)
     return ExperimentDone(
         experiment=number,
         iteration=problem.optimizer.iteration,
-        **where._asdict(),
         seed=problem.seed(where.instance),
-        score=score,
-        outcome=outcome,
-        failure=failure,
+        **_fields(where, result),
     )
 
 
 def test_of(problem: Problem[T], where: Experiment, result: Measurement | Failed) -> TestDone:
     """The event of a test that has run."""
-    score, outcome, failure = read_result(result)
-    return TestDone(
-        configuration=where.configuration,
-        instance=where.instance,
-        seed=problem.test_seed(where.instance),
-        score=score,
-        outcome=outcome,
-        failure=failure,
-    )
+    return TestDone(seed=problem.test_seed(where.instance), **_fields(where, result))
+
+
+def _fields(where: Experiment, result: Measurement | Failed) -> dict[str, Any]:
+    return {**where._asdict(), **dict(zip(("score", "outcome", "failure"), read_result(result), strict=True))}

@@ -25,6 +25,7 @@ _CALM = 10.0  # [s] without an empty turn, after which the next one is reported 
 _TURNS = 28  # of a view that is judged in a run: 4 s
 _STRAIGHT = math.radians(3.0)  # by which a robot may turn during a turn of the lidar that a view takes
 _DEGREES = 360
+_EACH = BINS // _DEGREES
 _MIN_BLANK = 20  # [degrees] of a sector that counts as blank
 _MIN_SEEN = 120  # [degrees] in which something must be seen ...
 _FILLED = 0.8  # ... and the part of the directions outside of blank sectors
@@ -32,7 +33,7 @@ _OFTEN = 0.8  # of the turns, in which a part of the robot is seen
 _MARGIN = 1  # [degrees] on both sides of a part of the robot, which is seen there now and then
 
 
-class Turn(NamedTuple):
+class LidarTurn(NamedTuple):
     """A turn that has ended."""
 
     time: float  # of its end [s]
@@ -72,8 +73,8 @@ class Sight:
     def forget(self) -> None:
         """Forget all turns. What was reported before is not reported again."""
         self.readings = 0
-        self._turns: deque[Turn] = deque()
-        self._last: Turn | None = None  # in which something was seen, or the first one
+        self._turns: deque[LidarTurn] = deque()
+        self._last: LidarTurn | None = None  # in which something was seen, or the first one
         self._heading = math.nan
         self._view = View(self._blind, self._nearest)
 
@@ -89,7 +90,7 @@ class Sight:
         self.readings = readings
         was_empty = bool(self._turns) and self._turns[-1].is_empty
         turned, self._heading = abs(math.remainder(heading - self._heading, math.tau)), heading
-        turn = Turn(now, now - self._turns[-1].time if self._turns else 0.0, self.readings)
+        turn = LidarTurn(now, now - self._turns[-1].time if self._turns else 0.0, self.readings)
         self._turns.append(turn)
         span = NOTED if self._limit is None else 2.0 * self._limit
         while self._turns[0].time <= now - span:
@@ -127,7 +128,7 @@ class Sight:
             return ""
         return f"it saw nothing in {blind:.1f} of the last {2.0 * self._limit:g} s; the limit is {self._limit:g} s"
 
-    def _note_flicker(self, before: Turn, after: Turn) -> None:
+    def _note_flicker(self, before: LidarTurn, after: LidarTurn) -> None:
         is_new = after.time - self._flickered > _CALM
         self._flickered = after.time
         if is_new:
@@ -169,19 +170,20 @@ class View:
         self._seen = [0] * _DEGREES  # turns
         self._near = [0] * _DEGREES
         self._distances: list[list[float]] = [[] for _ in range(_DEGREES)]  # of what is near [m]
-        ignored, each = covered(blind), BINS // _DEGREES
-        self._is_blind = [any(ignored[each * k : each * (k + 1)]) for k in range(_DEGREES)]
+        ignored = covered(blind)
+        self._is_blind = [any(ignored[_EACH * k : _EACH * (k + 1)]) for k in range(_DEGREES)]
 
     def take(self, ranges: Sequence[float], heading: float = 0.0) -> None:
         """Take in the ranges of a turn, in a frame in which the robot has a heading [rad]."""
         self.turns += 1
-        shift, each = round(heading / STEP), BINS // _DEGREES
+        shift = round(heading / STEP) % BINS
+        turned = [*ranges[shift:], *ranges[:shift]]
         for k in range(_DEGREES):
-            found = [r for i in range(each * k, each * (k + 1)) if (r := ranges[(i + shift) % BINS])]
-            near = [r for r in found if self._nearest <= r < NEAREST]
-            self._seen[k] += bool(found)
-            self._near[k] += bool(near)
-            self._distances[k] += near
+            self._seen[k] += any(turned[_EACH * k : _EACH * (k + 1)])
+        near = {i // _EACH: r for i, r in enumerate(turned) if self._nearest <= r < NEAREST}
+        for k, distance in near.items():
+            self._near[k] += 1
+            self._distances[k].append(distance)
 
     def own_parts(self) -> Hidden | None:
         """The parts of the robot that the lidar sees in most turns; None if it sees none."""

@@ -2,6 +2,7 @@ import contextlib
 import importlib.util
 import logging
 import os
+import queue
 import re
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from mercator_design.race.session.record import Record
 from tests.processes import LIMIT, started
 from tests.race.executor_conformance import WorkersConformance
 from tests.race.racing import runner, undisturbed
-from tests.race.work import SLOW, Dies, DiesLate, process_of, square, task_of
+from tests.race.work import SLOW, Dies, DiesLate, compiles, process_of, square, task_of
 
 pytestmark = pytest.mark.timing
 
@@ -144,6 +145,13 @@ def test_no_worker_is_there(monkeypatch):
         with DaskExecutor(cluster.scheduler_address, announce=announce) as executor:
             assert list(executor.run(square, range(3))) == []
         assert told == [f"{cluster.scheduler_address}: no worker is connected; the race waits for one"]
+
+
+def test_workers_that_compile_say_so_while_they_run():
+    said = queue.SimpleQueue()
+    with local_cluster(1) as cluster, DaskExecutor(cluster.scheduler_address, announce=said.put) as executor:
+        assert dict(executor.run(compiles, range(3))) == {k: k for k in range(3)}
+        assert said.get(timeout=LIMIT) == "1 worker compiles, which may take a minute"
 
 
 def test_nobody_there():

@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 
+from mercator_design import jit
 from mercator_design.errors import MissionError
 
 SLOW = 0.03
@@ -14,6 +15,12 @@ SLOW = 0.03
 def square(x):
     time.sleep(0.01 * (x % 3 == 0))
     return x * x
+
+
+def compiles(x):
+    """As if something were not in the cache of compiled code."""
+    jit._missed()
+    return x
 
 
 def slow(x):

@@ -161,11 +161,17 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
         )
     if timeout is not None and name != "processes":
         raise click.UsageError("--timeout needs --executor processes: only a process can be killed")
+    context = click.get_current_context()
+
+    def announce(what: str) -> None:
+        with context.scope(cleanup=False):  # in another thread there is none
+            print_note(f"Note: {what}")
+
     if scheduler is not None:
         from mercator_design.race.executors.dask import DaskExecutor
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
-        return DaskExecutor(scheduler, jobs, announce=lambda what: print_note(f"Note: {what}"))
+        return DaskExecutor(scheduler, jobs, announce=announce)
     if name == "processes":
-        return ProcessExecutor(jobs, timeout=timeout)
+        return ProcessExecutor(jobs, timeout=timeout, announce=announce)
     return ThreadExecutor(jobs)

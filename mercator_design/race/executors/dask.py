@@ -8,8 +8,10 @@ race waits.
 
 import collections
 import math
+import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -17,6 +19,7 @@ from typing import Any, Self, TypeVar
 import cloudpickle
 
 from mercator_design.errors import RaceError
+from mercator_design.race.executors.compiling import CompilingWorkers, noting
 from mercator_design.race.executors.executor import Failed, WorkerUnfit, call_packed
 
 T = TypeVar("T")
@@ -37,7 +40,8 @@ class DaskExecutor:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
         jobs: Number of experiments to submit at a time; by default twice the number of the workers' threads.
         timeout: Seconds to wait for the scheduler.
-        announce: Called with a message when experiments wait and there is no worker.
+        announce: Called with a message when experiments wait and there is no worker, and when workers compile; perhaps
+            in another thread.
 
     Raises:
         RaceError: The package distributed is not installed, or there is no such scheduler.
@@ -65,6 +69,9 @@ class DaskExecutor:
             self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise RaceError(f"{scheduler}: expected a Dask scheduler there: {error}") from None
+        compiling = CompilingWorkers(announce)
+        self._topic = f"mercator_design {secrets.token_hex(8)}"  # of the notes that workers send here
+        self._client.subscribe_topic(self._topic, lambda event: compiling.add(event[1]))
 
     @property
     def jobs(self) -> int:
@@ -95,7 +102,7 @@ class DaskExecutor:
         suspects: collections.deque[tuple[int, T]] = collections.deque()  # items that may have killed their workers
 
         def submit(bundle: _Bundle[T]) -> None:
-            future = self._client.submit(_call_all, packed, [item for _, item in bundle], pure=False)
+            future = self._client.submit(_call_all, packed, [item for _, item in bundle], self._topic, pure=False)
             bundles[future.key] = bundle
             under_way.add(future)
 
@@ -168,7 +175,10 @@ class DaskExecutor:
             future.release()
 
 
-def _call_all(packed: bytes, items: Sequence[Any]) -> tuple[list[Any], float]:
+def _call_all(packed: bytes, items: Sequence[Any], topic: str) -> tuple[list[Any], float]:
     """In a worker: run all items; return their results and the time [s]."""
+    from distributed import get_worker
+
     start = time.perf_counter()
-    return [call_packed(packed, item) for item in items], time.perf_counter() - start
+    with noting(partial(get_worker().log_event, topic)):
+        return [call_packed(packed, item) for item in items], time.perf_counter() - start

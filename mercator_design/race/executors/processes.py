@@ -1,6 +1,8 @@
 """Runs experiments in worker processes of this machine."""
 
 import collections
+import contextlib
+import multiprocessing
 import os
 import signal
 import threading
@@ -11,9 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from mercator_design.errors import described
+from mercator_design.race.executors.compiling import CompilingWorkers, noting
 from mercator_design.race.executors.executor import MAX_WAIT, Failed, WorkerUnfit, call_packed, checked_jobs
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from joblib.externals.loky import ProcessPoolExecutor
 
 T = TypeVar("T")
@@ -25,6 +30,8 @@ MAX_TIMEOUTS = 2
 """Timeouts after which an experiment fails: the first may be an accident."""
 START = 60.0
 """Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
+_to_main: "list[Connection]" = []
+"""In a worker: where its notes go."""
 _CHECK_EVERY = 1.0
 """Seconds between two checks of a worker that its main process is alive."""
 
@@ -51,27 +58,43 @@ class ProcessExecutor:
         jobs: Number of processes. [default: the cores that it may use]
         timeout: Maximum seconds of an experiment. [default: no limit]
         clock: Returns the time [s].
+        announce: Called with a message when workers compile, perhaps in another thread.
 
     Raises:
         RaceError: `jobs` is below 1.
     """
 
     def __init__(
-        self, jobs: int | None = None, *, timeout: float | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        jobs: int | None = None,
+        *,
+        timeout: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     ) -> None:
         self.jobs = checked_jobs(jobs)
         self._timeout, self._clock = timeout, clock
+        self._compiling = CompilingWorkers(announce)
         self._workers: list[ProcessPoolExecutor] = []  # of one process each
         self._new: set[int] = set()  # indices of workers that have not finished an experiment yet
 
     def __enter__(self) -> Self:
-        self._workers = [_worker() for _ in range(self.jobs)]
+        received, self._notes = multiprocessing.Pipe(duplex=False)
+        threading.Thread(target=self._receive, args=(received,), daemon=True).start()
+        self._workers = [_worker(self._notes) for _ in range(self.jobs)]
         self._new = set(range(self.jobs))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         for worker in self._workers:
             worker.shutdown(wait=True, kill_workers=kind is not None)
+        self._notes.close()
+
+    def _receive(self, notes: "Connection") -> None:
+        """Take the notes of workers, until the last of them has ended."""
+        with notes, contextlib.suppress(EOFError):
+            while True:
+                self._compiling.add(notes.recv())
 
     def stop(self) -> None:
         """Do nothing: `run` never waits for workers."""
@@ -113,16 +136,16 @@ class ProcessExecutor:
     def _submit(self, place: int, packed: bytes, item: T) -> "Future[Any]":
         future: Future[Any]
         try:
-            future = self._workers[place].submit(call_packed, packed, item)
+            future = self._workers[place].submit(_call, packed, item)
         except BrokenExecutor:  # its process died while it was idle
             self._replace(place)
-            future = self._workers[place].submit(call_packed, packed, item)
+            future = self._workers[place].submit(_call, packed, item)
         return future
 
     def _replace(self, place: int) -> None:
         """Put a new worker in the place of one that is dead or too slow."""
         self._workers[place].shutdown(wait=True, kill_workers=True)
-        self._workers[place] = _worker()
+        self._workers[place] = _worker(self._notes)
         self._new.add(place)
 
     def _done(self, running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
@@ -161,14 +184,21 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
     return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
-def _worker() -> "ProcessPoolExecutor":
+def _worker(notes: "Connection") -> "ProcessPoolExecutor":
     from joblib.externals.loky import ProcessPoolExecutor
 
-    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(),))
+    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(), notes))
 
 
-def _start_worker(main: int) -> None:
+def _call(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - the function's types
+    """In a worker: as `call_packed`."""
+    with noting(_to_main[0].send):
+        return call_packed(packed, item)
+
+
+def _start_worker(main: int, notes: "Connection") -> None:
     """Ignore signals, which Ctrl-C and schedulers send to all processes; end when the main process has ended."""
+    _to_main.append(notes)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(main,), daemon=True).start()

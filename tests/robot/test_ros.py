@@ -226,6 +226,22 @@ class TestReports:
         assert found["header"]["stamp"]["secs"] + 1e-9 * found["header"]["stamp"]["nsecs"] == pytest.approx(1001.05)
         assert found["scan_time"] == pytest.approx(0.15)
 
+    @pytest.mark.parametrize(
+        ("sensor", "left_out"),
+        [
+            ("ambient_light", {"rvr/ambient_light"}),
+            ("ground", {"rvr/ground_color", "rvr/fixed_color"}),
+            ("acceleration", {"rvr/imu"}),
+            ("turning", {"rvr/imu", "rvr/odom"}),
+            ("position", {"rvr/odom"}),
+        ],
+    )
+    def test_a_sensor_that_the_rvr_does_not_stream_is_left_out(self, robot, sensor, left_out):
+        usual = dict(Reports(robot, Sweep(), "", 5.0).due(1.0, 1.0)).keys()
+        del robot.samples[sensor]
+        assert dict(Reports(robot, Sweep(), "", 5.0).due(1.0, 1.0)).keys() == usual - left_out
+        assert left_out < usual
+
     def test_a_rate_that_is_no_part_of_the_cycles(self, robot):
         reports = Reports(robot, Sweep(), "", 4.0)
         told = [topic for k in range(100) for topic, _ in reports.due(0.1 * k, 0.1 * k)]

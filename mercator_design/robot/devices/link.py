@@ -124,8 +124,8 @@ class Link:
             raise RobotError(f"rvr: {refused}; {error_remedy(response.error)} (rvr on {self.lines['rvr'].port})")
         return response.values
 
-    def refusal(self, name: str, target: Processor | None = None, /, **values: Value) -> str:
-        """As `ask`, of a command that is not needed: return why the RVR does not obey it; empty if it does.
+    def attempt(self, name: str, target: Processor | None = None, /, **values: Value) -> tuple[Mapping[str, Any], str]:
+        """As `ask`, of a command that is not needed: return the answer, and why the RVR does not obey, else empty.
 
         Raises:
             RobotStopped: if a port is lost.
@@ -135,8 +135,13 @@ class Link:
         except RobotStopped:
             raise
         except RobotError:
-            return "no answer"
-        return words(response.error) if response.error else ""
+            return {}, "no answer"
+        return response.values, words(response.error) if response.error else ""
+
+    def refusal(self, name: str, target: Processor | None = None, /, **values: Value) -> str:
+        """The second value of `attempt`."""
+        _, why = self.attempt(name, target, **values)
+        return why
 
     def request(self, name: str, target: Processor | None = None, /, **values: Value) -> Response:
         """As `ask`, but return also a refusal."""

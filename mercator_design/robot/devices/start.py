@@ -30,6 +30,7 @@ DRIVE = "drive_tank_si_units"
 """The command that drives."""
 _STOPPED = "robot_has_stopped"
 _TANK, _BRAKING = 2, 0  # controllers of the drive
+BATTERY_QUERIES = ("get_battery_voltage_state", "get_battery_percentage")
 MOTOR_QUERIES = ("get_motor_thermal_protection_status", "get_motor_fault_state")
 
 
@@ -39,6 +40,7 @@ class RvrIdentity(NamedTuple):
     firmware: Mapping[Processor, tuple[int, int, int]]  # major and minor number and revision
     battery: int | None  # [%] of charge
     battery_state: int  # 0 unknown, 1 good, 2 low, 3 critical
+    refused: Mapping[str, str]  # why it does not tell about the battery, by question
 
     def words(self) -> dict[str, str]:
         """The same for people, by name."""
@@ -118,8 +120,10 @@ def wake_rvr(link: Link) -> RvrIdentity:
         version = link.request("get_main_application_version", processor).values  # both must answer, or refuse
         if version:
             firmware[processor] = version["major"], version["minor"], version["revision"]
-    state = link.request("get_battery_voltage_state").values.get("state", 0)
-    return RvrIdentity(firmware, link.request("get_battery_percentage").values.get("percentage"), state)
+    told = {question: link.attempt(question) for question in BATTERY_QUERIES}
+    battery = {name: value for values, _ in told.values() for name, value in values.items()}
+    refused = {question: why for question, (_, why) in told.items() if why}
+    return RvrIdentity(firmware, battery.get("percentage"), battery.get("state", 0), refused)
 
 
 def secure_rvr(link: Link, timeout: float) -> None:
@@ -170,13 +174,9 @@ def commands_end(
 
 
 def _controller(link: Link) -> int | None:
-    """The active controller of the RVR's drive; None if it does not answer."""
-    try:
-        return link.request("get_active_control_system_id").values.get("controller_id")
-    except RobotStopped:
-        raise
-    except RobotError:
-        return None
+    """The active controller of the RVR's drive; None if it does not tell."""
+    told, _ = link.attempt("get_active_control_system_id")
+    return told.get("controller_id")
 
 
 def watch_rvr(link: Link) -> dict[str, str]:

@@ -29,7 +29,8 @@ def start_streams(link: Link, needed: Iterable[str], optional: Iterable[str], pe
         if name in whys:
             what = f"it does not stream {SERVICE_OF[name]}, so there is no {name}: {whys[name]}"
             port = link.lines["rvr"].port
-            raise RobotError(f"rvr: {what}; switch it off and on, or update it with the app Sphero Edu (rvr on {port})")
+            remedy = "switch it off and on, update it with the app Sphero Edu, or set a longer rvr.period"
+            raise RobotError(f"rvr: {what}; {remedy} (rvr on {port})")
     return whys
 
 

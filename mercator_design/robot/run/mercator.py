@@ -16,6 +16,7 @@ from mercator_design.robot.devices.link import Heard, Link, error_remedy, words
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.devices.start import (
+    BATTERY_QUERIES,
     DRIVE,
     MOTOR_QUERIES,
     commands_end,
@@ -41,7 +42,7 @@ QUERY_EVERY = 1.0
 START_LIMIT = 5.0  # [s] for the first sample of every sensor; a lidar's motor takes a few
 _CHECK_EVERY = 0.01  # [s] between checks whether they have come
 _SHOW_EVERY = 1.0  # [s] after which the lamps are set again, as a frame may have been lost
-_QUERIES = ("get_battery_voltage_state", "get_battery_percentage", *MOTOR_QUERIES)
+_QUERIES = (*BATTERY_QUERIES, *MOTOR_QUERIES)
 
 
 class Mercator:
@@ -221,11 +222,12 @@ class Mercator:
     def start(self) -> None:
         """Start the robot up; errors are those of `attend`, and a RobotError if a device cannot be used."""
         link = self._link
-        self.facts |= wake_rvr(link).words()
+        rvr = wake_rvr(link)
+        self.facts |= rvr.words()
         self._queried = time.monotonic()
         secure_rvr(link, self._settings.rvr.timeout)
         self._watch_commands_end()
-        self._refused = watch_rvr(link)
+        self._refused = {**rvr.refused, **watch_rvr(link)}
         self._start_sensors()
         for what, why in self._refused.items():
             self.notes.add(Note(f"rvr: it does without {what.replace('_', ' ')}: {why}", matters=True))

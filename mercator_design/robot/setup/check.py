@@ -38,6 +38,7 @@ from mercator_design.robot.setup.stream_check import StreamCheck
 DURATION = 2.0
 """[s] of the check of a device's data."""
 _MIN_DISTANCES = 4.0  # [1/s] of the hub; the manual has 6
+_SETTLING = 0.5  # [s] for the RVR's sensors and lamp, before their samples count
 _ECHO, _ECHO_EVERY = bytes(range(16)), 0.05  # data that the RVR has to return, and period [s]
 _MIN_FIRMWARE = {Processor.NORDIC: (8, 3, 432), Processor.ST: (8, 6, 448)}  # firmware of the control system's manual
 
@@ -76,11 +77,12 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     try:
         secure_rvr(link, settings.rvr.timeout)
         yield from _of_commands(settings, link)
-        yield _of_reports(watch_rvr(link))
-        yield _of_motors(link.request("get_motor_thermal_protection_status").values)
+        yield _of_reports({**found.refused, **watch_rvr(link)})
+        yield _of_motors(link.attempt("get_motor_thermal_protection_status")[0])
         lamp = link.refusal("enable_color_detection", is_enabled=True)
         refused = start_streams(link, [], SERVICE_OF, settings.rvr.period)
-        link.discard()
+        for _ in link.poll(time.monotonic() + _SETTLING):
+            pass
         echoes, asked, before = 0, round(DURATION / _ECHO_EVERY), link.counts()["rvr"]
         streams = StreamCheck(settings, refused, time.monotonic())
         for _ in range(asked):

@@ -8,11 +8,11 @@ from mercator_design.robot.devices.findings import RobotFinding
 from mercator_design.robot.devices.link import Heard
 from mercator_design.robot.devices.samples import SERVICE_OF, converted, invalid
 from mercator_design.robot.devices.settings import Settings, nearest
-from mercator_design.robot.setup.judging import rate_of
 
 _NEEDED = {"attitude": "every run", "ground": "a run that reads the ground"}
 """Sensors without which runs are refused, or stop; the others inform."""
 _USUAL = 0.75  # share of the samples that are asked for, below which someone should look
+_AT_ENDS = 1.5  # of the longest interval between samples, within which the first and the last one come
 _REMEDY = "switch the RVR off and on, update it with the app Sphero Edu, or set a longer rvr.period and limits.rvr"
 
 
@@ -52,8 +52,11 @@ class StreamCheck:
         if name in self._refused:
             return f"the RVR does not stream {service}: {self._refused[name]}", False, False
         n_invalid, limit = self._invalid[name], self._settings.limits.rvr
-        gap = max(later - earlier for earlier, later in itertools.pairwise([self._begin, *times, end]))
-        found = rate_of(times, end - self._begin)
+        first, *others = (later - earlier for earlier, later in itertools.pairwise([self._begin, *times, end]))
+        gap = max([first, *others])
+        found = len(times) / (end - self._begin)
+        if len(times) > 1 and max(first, others[-1]) <= _AT_ENDS * max(others[:-1]):  # it came all the time
+            found = (len(times) - 1) / (times[-1] - times[0])
         words = f"{found:.1f} samples a second"
         if n_invalid:
             words += f", and {n_invalid} of {n_invalid + len(times)} marked as invalid by the RVR"

@@ -24,11 +24,10 @@ from mercator_design.sim.kernels.measuring import (
     fill_directions,
     fill_ground,
     fill_lidar,
-    fill_light_sensors,
     fill_lux,
     fill_places,
     fill_proximity,
-    fill_weights,
+    fill_ring,
 )
 from mercator_design.sim.kernels.noise import (
     ACCELEROMETER_DRAWS,
@@ -226,10 +225,7 @@ def light(recording: Recording, _sensor: object, cycles: Numbers) -> Floats:
 @_device("light")
 def light_sensors(recording: Recording, ring: LightRing, cycles: Numbers) -> Floats:
     """The reading of each sensor of the ring (cycles, robots, sensors), 0 to 1."""
-    found = np.zeros((len(cycles), len(recording.noise_keys), len(ring.angles)))
-    model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
-    compiled(fill_light_sensors)(recording.scene, model, _scratch(recording), poses, cycles, found)
-    return found
+    return _ring(recording, len(ring.angles), cycles, of_light=True)
 
 
 @_device()
@@ -246,10 +242,7 @@ def proximity(recording: Recording, sensors: Proximity, cycles: Numbers) -> Floa
 @_device("proximity")
 def proximity_weights(recording: Recording, sensors: Proximity, cycles: Numbers) -> Floats:
     """The weight of each sensor's reading (cycles, robots, sensors): the value of an infra-red sensor."""
-    found = np.zeros((len(cycles), len(recording.noise_keys), len(sensors.angles)))
-    model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
-    compiled(fill_weights)(recording.scene, model, _scratch(recording), poses, cycles, found)
-    return found
+    return _ring(recording, len(sensors.angles), cycles, of_light=False)
 
 
 @_device()
@@ -324,6 +317,14 @@ def quaternion(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> F
     none = np.zeros_like(half)
     values = np.stack([np.cos(half), none, none, np.sin(half)], axis=2)
     return _finished(recording, sensor, QUATERNION_DRAWS, cycles, values[cycles])
+
+
+def _ring(recording: Recording, sensors: int, cycles: Numbers, *, of_light: bool) -> Floats:
+    """What the sensors of a ring read (cycles, robots, sensors)."""
+    found = np.zeros((len(cycles), len(recording.noise_keys), sensors))
+    model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
+    compiled(fill_ring)(recording.scene, model, _scratch(recording), poses, cycles, of_light, found)
+    return found
 
 
 def _columns(*names: str) -> list[int]:

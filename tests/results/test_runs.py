@@ -244,6 +244,7 @@ class TestResume:
             ("robot_model.yaml", "mass: ", "mass: 1", "robot_model_digest: raced with"),
             ("provenance.json", '"kernels": "', '"kernels": "0', "kernels: raced with 0"),
             ("provenance.json", '"options": {', '"options": {"nu": 1,', "found nothing in mercator_design"),
+            ("provenance.json", '"options": {', '"options": {"means_scale": false,', "means_scale: raced with False"),
             (
                 "provenance.json",
                 '"seed": 1',

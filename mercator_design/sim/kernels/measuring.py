@@ -93,28 +93,19 @@ def fill_clusters(scene: Scene, model: ReferenceModel, swarm: Swarm, scans: Floa
                 found[n, i, k, 1] = math.atan2(swarm.bearings_y[k], swarm.bearings_x[k])
 
 
-def fill_weights(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
+def fill_ring(
+    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, of_light: bool, found: Floats
 ) -> None:
-    """The weight of each proximity sensor's reading (cycles, robots, sensors)."""
+    """The reading of each light sensor, or the weight of each proximity sensor's (cycles, robots, sensors)."""
     for n in range(len(cycles)):
         _put(swarm, poses, n)
         for i in range(poses.shape[1]):
-            sense_obstacles(scene, model, swarm, cycles[n], i)
+            if of_light:
+                sense_light(scene, model, swarm, cycles[n], i)
+            else:
+                sense_obstacles(scene, model, swarm, cycles[n], i)
             for k in range(found.shape[2]):
-                found[n, i, k] = swarm.proximity[k]
-
-
-def fill_light_sensors(
-    scene: Scene, model: ReferenceModel, swarm: Swarm, poses: Floats, cycles: Numbers, found: Floats
-) -> None:
-    """The reading of each light sensor (cycles, robots, sensors)."""
-    for n in range(len(cycles)):
-        _put(swarm, poses, n)
-        for i in range(poses.shape[1]):
-            sense_light(scene, model, swarm, cycles[n], i)
-            for k in range(found.shape[2]):
-                found[n, i, k] = swarm.light[k]
+                found[n, i, k] = swarm.light[k] if of_light else swarm.proximity[k]
 
 
 def fill_lux(

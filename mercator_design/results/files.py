@@ -15,7 +15,7 @@ from mercator_design.race import Space
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.session.journal import Reading
-from mercator_design.race.session.record import Record
+from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.results.provenance import PROVENANCE, Provenance, not_a_run_folder
 from mercator_design.results.provenance import read as read_provenance_file
@@ -33,10 +33,6 @@ _START: Mapping[str, Kind] = {
     "budget": Annotated[int, Range(1)],
     "seed": Annotated[int, Range(0)],
 }
-
-
-class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
-    """A run folder was written by another version of this program, in another format."""
 
 
 def resume_command(path: Path, task: str) -> str:

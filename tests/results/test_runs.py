@@ -733,18 +733,30 @@ class TestRuns:
         assert "State damaged" in said
         assert f"expected the digest 0{digest(folder)[:16]}, as fsm.txt says, found {digest(folder)}" in said
 
-    def test_the_race_of_another_version(self, mdesign, folder, tmp_path):
-        """Whose start has no name: it is told, and the others are listed."""
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            (lambda start: start.pop("name"), "start: expected the start of a race as mercator_design"),
+            (
+                lambda start: start.update(format=1),
+                "start.format: expected 2, found 1: use the version of this program",
+            ),
+        ],
+    )
+    def test_the_race_of_another_version(self, mdesign, folder, tmp_path, change, words):
+        """It is told, without advice on damage, and the others are listed."""
         old = shutil.copytree(folder, tmp_path / "old")
         events = events_in((old / JOURNAL).read_bytes())
-        del events[0]["name"], events[-1]  # and the end, whose digest is of the start, too
+        change(events[0])
+        del events[-1]  # the end, whose digest is of the start, too
         (old / JOURNAL).write_bytes(journal_of(events))
         code, out, err = mdesign("runs", "list", tmp_path)
         assert (code, err, out.count("\n"), out.count("of another version\n")) == (0, "", 3, 1)
         for options in (["show", old], ["show", old, "--csv", "experiments"], ["verify", old], ["importance", old]):
             code, _, err = mdesign("runs", *options)
             assert code == 1
-            assert f"{old / JOURNAL}, line 1: start: expected the start of a race as mercator_design" in err
+            assert f"{old / JOURNAL}, line 1: {words}" in err
+            assert "damaged" not in err
 
     def test_a_race_of_a_method_that_is_gone(self, mdesign, folder, tmp_path):
         """A finished one, as another version left it: both files say the method, and the digest is of it, too."""

@@ -35,7 +35,7 @@ from typing import Any, Self
 from mercator_design.config.checked_lines import checksum, from_line, to_line
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.session.events import Event, SessionStarted, SessionStopped, event_of, to_json
-from mercator_design.race.session.record import Record
+from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.system.files import sync_folder
 
 SYNC_EVERY = 1.0
@@ -59,6 +59,7 @@ class Reading:
         """Read further lines and return their events, without the start of the race.
 
         Raises:
+            OtherVersion: The file has another format.
             RaceError: The file cannot be read, or is corrupt before its end; with the line.
         """
         path, events, n_ends = self.path, list[Event](), len(self.record.ends)
@@ -82,6 +83,8 @@ class Reading:
                         raise RaceError(f"{path}, {self.torn}; {_advice(self.lines)}")
                     try:
                         events += _take(self.record, data, self.last)
+                    except OtherVersion as error:
+                        raise OtherVersion(f"{path}, line {number}: {error}") from None
                     except RaceError as error:
                         raise RaceError(f"{path}, line {number}: {error}; {_advice(self.lines)}") from None
                     self.length += len(line)

@@ -39,6 +39,10 @@ V = TypeVar("V")
 FORMAT = 2
 
 
+class OtherVersion(RaceError):  # noqa: N818 - nothing is wrong with it
+    """A journal or a run folder was written by another version of this program, in another format."""
+
+
 @dataclass(slots=True)
 class Record:
     """The record of a race, in memory."""
@@ -120,13 +124,14 @@ class Record:
         """Set the start of the race.
 
         Raises:
-            RaceError: There is a start already, or its format is unknown.
+            OtherVersion: The start has another format.
+            RaceError: There is a start already, or it is not valid.
         """
         if self.start:
             raise RaceError("expected one start, found a second start")
         start = {"format": FORMAT, **start}
         if (found := from_json(start["format"], int, error=RaceError, path="start.format")) != FORMAT:
-            raise RaceError(
+            raise OtherVersion(
                 f"start.format: expected {FORMAT}, found {found}: use the version of this program that wrote it"
             )
         budget = from_json(start.get("budget"), Annotated[int, Range(1)], error=RaceError, path="start.budget")

@@ -9,7 +9,8 @@ import yaml
 from mercator_design.config.yaml_tree import LOADER
 from mercator_design.errors import RaceError, excerpt, printable
 from mercator_design.race.session.journal import Reading
-from mercator_design.results.files import OtherVersion, read_journal
+from mercator_design.race.session.record import OtherVersion
+from mercator_design.results.files import read_journal
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_SEED, Job, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus

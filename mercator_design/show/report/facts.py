@@ -12,12 +12,11 @@ from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.race.elimination.summary import Scores
-from mercator_design.race.session.record import Record
+from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.race.session.view import RaceView
 from mercator_design.results.files import (
     TASKS,
-    OtherVersion,
     check_configurations,
     check_same,
     read_journal,

@@ -10,7 +10,8 @@ from mercator_design.errors import RaceError, printable
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
 from mercator_design.race.session.journal import Reading, is_locked
-from mercator_design.results.files import JOURNAL, TASKS, OtherVersion, read_journal, wrong_end
+from mercator_design.race.session.record import OtherVersion
+from mercator_design.results.files import JOURNAL, TASKS, read_journal, wrong_end
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
 from mercator_design.show.text.iterations import best_line, iteration_notes, iterations_table

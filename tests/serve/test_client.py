@@ -88,6 +88,11 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     assert [event for event in events if event["event"] != "stop"] == [one for one in told if one["event"] != "stop"]
 
 
+def test_no_file_says_where_the_service_has_its_data(service, done):
+    for file in (service.data / done).rglob("*"):
+        assert str(service.data).encode() not in file.read_bytes(), file.name
+
+
 def test_a_mission_file(client, tmp_path):
     file = tmp_path / "own.yaml"
     file.write_bytes(shipped.missions()["aggregation"].read_bytes())

@@ -141,6 +141,53 @@ def test_no_other_file_is_reached(ann, quiet, tmp_path):
     assert not names & {"link", "links/secret", ".hidden", "pipe"}
 
 
+def test_names_that_are_no_text_are_left_out(ann, quiet):
+    job = quiet.submit()
+    quiet.race(job)
+    before = ann.get(f"{JOBS}/{job}/files").json()
+    for name in (b"\xff.txt", b"fsm\xe9.txt", b"\xed\xa0\x80", b"\xff/inside.txt"):
+        path = quiet.folder(job) / os.fsdecode(name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("x")
+    assert ann.get(f"{JOBS}/{job}/files").json() == before
+    for page in ("", "/files", "/now", "/race", "/about"):
+        assert ann.get(f"/jobs/{job}{page}").status_code == 200
+    for name in ("%FF.txt", "fsm%E9.txt", "%EF%BF%BD.txt", "%FF/inside.txt"):
+        assert ann.get(f"{JOBS}/{job}/files/{name}").status_code == 404
+
+
+DAMAGES = {
+    "journal.jsonl": lambda data: data.replace(b'"experiment"', b'"experimental"', 1),
+    "mission.yaml": lambda data: data.replace(b"name:", b"names:"),
+    "provenance.json": lambda _: b"{",
+}
+
+
+@pytest.mark.parametrize(("is_job", "is_there"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize("name", DAMAGES)
+def test_no_message_says_where_the_data_are(ann, quiet, name, is_there, is_job):
+    job = quiet.submit()
+    quiet.race(job)
+    if not is_job:
+        quiet.folder(job).rename(quiet.service.data / f"copy-{job}")
+        job = f"copy-{job}"
+    file = quiet.folder(job) / name
+    if is_there:
+        file.write_bytes(DAMAGES[name](file.read_bytes()))
+    else:
+        file.unlink()
+    quiet.service.supervisor.reconcile()
+    for path in ("", "/now", "/race", "/about", "/files", "/messages"):
+        for kind in ("text/html", "*/*"):
+            assert str(quiet.service.data) not in ann.get(f"/jobs/{job}{path}", headers={"accept": kind}).text, path
+    for path in ("", "/winner", "/replay", "/files", "/events"):
+        assert str(quiet.service.data) not in ann.get(f"{JOBS}/{job}{path}").text, path
+    body = {"mission": {"job": job, "set": ["robots=1"]}, "fsms": [{"job": job}], "seed": 1}
+    assert str(quiet.service.data) not in ann.post("/api/v1/fsms/replay", json=body).text
+    assert str(quiet.service.data) not in ann.get("/").text
+    assert str(quiet.service.data) not in ann.get(JOBS).text
+
+
 def test_a_journal_that_grows_is_sent_to_a_whole_line(ann, quiet):
     job = quiet.submit()
     quiet.race(job, lines=20)

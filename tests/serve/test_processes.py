@@ -2,6 +2,7 @@
 
 import os
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -23,6 +24,21 @@ def test_a_race_has_its_own_group_in_the_session_of_the_service(house, tmp_path,
     identity, _, _, _, group, session, *_ = last_messages(house.store.folder(job.id) / OUTPUT).split()
     assert group == identity != str(os.getpgrp())
     assert session == str(os.getsid(0))
+
+
+def test_its_arguments_do_not_say_where_the_data_are(house, monkeypatch, tmp_path):
+    (python := tmp_path / "python").write_text("#!/bin/sh\npwd >&2\n", encoding="ascii")
+    python.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(python))
+    job = house.store.read(house.submit(text="name: x\n"))
+    launch = Launcher(house.store, house.settings, 1)
+    process = launch(job)
+    wait_until(lambda: process.poll() is not None)
+    _, mission, _, run, *_ = arguments = launch.command(job)
+    assert not any(str(house.data) in one for one in arguments)
+    place = Path(last_messages(house.store.folder(job.id) / OUTPUT).strip())
+    assert (place / mission).read_text() == "name: x\n"
+    assert place / run == house.store.run_folder(job.id)
 
 
 @pytest.mark.timing

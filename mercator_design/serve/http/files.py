@@ -66,12 +66,19 @@ def _beginning(file: BinaryIO, length: int) -> Iterator[bytes]:
 
 
 def files_of(folder: Path) -> dict[str, Path]:
-    """The regular files of a run folder by their names; links are left out, so no other file is reached."""
+    """The regular files of a run folder by their names.
+
+    Left out are links, so no other file is reached, and names that are not UTF-8, which no address can have.
+    """
     found = {}
     for place, folders, names in os.walk(folder):
-        folders[:] = [one for one in folders if not one.startswith(".")]
-        for name in names:
+        folders[:] = filter(_is_shown, folders)
+        for name in filter(_is_shown, names):
             path = Path(place) / name
-            if not name.startswith(".") and path.is_file() and not path.is_symlink():
+            if path.is_file() and not path.is_symlink():
                 found[path.relative_to(folder).as_posix()] = path
     return found
+
+
+def _is_shown(name: str) -> bool:
+    return not name.startswith(".") and os.fsencode(name).decode(errors="ignore") == name

@@ -61,6 +61,7 @@ def report_problems(app: FastAPI, page: Callable[[Request, ProblemAnswer], Respo
 
     def answer(request: Request, error: Exception) -> Response:
         problem, headers = _problem(error)
+        problem.errors = list(map(request.app.state.service.store.without_place, problem.errors))
         if "text/html" in request.headers.get("accept", "") and not request.url.path.startswith("/api/"):
             return page(request, problem)
         return JSONResponse(problem.model_dump(), problem.status, headers, media_type="application/problem+json")

@@ -44,12 +44,12 @@ class Launcher:
         self._store, self._settings, self._cores = store, settings, cores
 
     def command(self, job: Job) -> list[str]:
-        """The arguments of `mdesign` that begin or resume the race of a job."""
-        request, run, own = job.request, self._store.run_folder(job.id), self._store.folder(job.id)
-        if (run / PROVENANCE).exists():
-            what = ["--resume", str(run)]
+        """The arguments of `mdesign`, in the data folder, that begin or resume the race of a job."""
+        request, own = job.request, self._store.folder(job.id).relative_to(self._store.data)
+        if (self._store.run_folder(job.id) / PROVENANCE).exists():
+            what = ["--resume", job.id]
         else:
-            what = [request.mission or str(own / MISSION), "-o", str(run), "--seed", str(request.seed)]
+            what = [request.mission or str(own / MISSION), "-o", job.id, "--seed", str(request.seed)]
             what += ["--flavour", request.flavour, "--method", request.method]
             what += [f"--set={one}" for one in request.set]
         command = ["race", *what, "--budget", str(request.budget), "--jobs", str(self._cores), "--quiet"]
@@ -60,14 +60,21 @@ class Launcher:
         return [*command, *(f"--plugin={file}" for file in self._settings.plugins)]
 
     def __call__(self, job: Job) -> RaceProcess:
-        """Start the process of a job.
+        """Start the process of a job, in the data folder: so no result says where that is.
 
         Raises:
             OSError: It cannot be started.
         """
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
             return RaceProcess(
-                [sys.executable, "-m", "mercator_design.serve.jobs.worker", *self.command(job)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "mercator_design.serve.jobs.worker",
+                    *self.command(job),
+                ],  # -P: no code there
+                cwd=self._store.data,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=output,

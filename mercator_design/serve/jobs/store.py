@@ -8,6 +8,7 @@ import shutil
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,12 @@ class Store(Records[Job]):
             name = journal.parent.name
             if name.isprintable() and not name.startswith(".") and not self.folder(name).exists():
                 yield journal.parent
+
+    def without_place(self, text: str) -> str:
+        """A text, or HTML, for users: it does not say where the data folder is."""
+        for folder in {str(self.data.absolute()), str(self.data.resolve())}:
+            text = text.replace(f"{folder}/", "").replace(f"{escape(folder)}/", "")
+        return text
 
     def mission(self, identity: str) -> str | None:
         """The text of a job's mission; None if it is a shipped one.

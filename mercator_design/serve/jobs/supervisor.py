@@ -138,7 +138,7 @@ class Supervisor:
             try:
                 status.read_on()
             except RaceError as error:
-                problem = error.messages[0]
+                problem = self._store.without_place(error.messages[0])
             is_running = run is not None or is_locked(folder / JOURNAL)
             if run is None and is_running and not problem:
                 self._followed[identity] = status
@@ -312,7 +312,7 @@ class Supervisor:
                 if reading is None or before is None or before.inode != state.inode or state.length < reading.length:
                     reading = Reading(journal)
                 if (row := row_of_folder(path, reading)) is not None:
-                    self._index.put(row)
+                    self._index.put(replace(row, message=self._store.without_place(row.message)))
                 is_running = row is not None and row.state == "running"
                 self._others[name] = state, reading if is_running else None
         rows, _ = self._index.find(None, states=("running",), limit=-1)

@@ -100,13 +100,17 @@ def race(
     """The race of a job, for its page; nothing new if the page has it."""
     part, is_fresh = _part(service, parts, row, race_part)
     if isinstance(part, MercatorError):
-        return fragment(_live(row, "race", f'<p class="problem">{escaped_lines(part)}</p>'))
+        return fragment(
+            _live(row, "race", f'<p class="problem">{escaped_lines(service.store.without_place(str(part)))}</p>')
+        )
     if part is None:
         answer: Response = fragment(_live(row, "race", _without_race(row) if is_fresh else _READING))
     elif have == part.version:
         answer = Response(status_code=204)
     else:
-        answer = fragment(_live(row, "race", part.text, f'{_best_runs(part)} data-have="{part.version}"'))
+        answer = fragment(
+            _live(row, "race", service.store.without_place(part.text), f'{_best_runs(part)} data-have="{part.version}"')
+        )
     return _aged(answer, is_fresh=is_fresh)
 
 
@@ -114,7 +118,9 @@ def race(
 def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
     """What was asked and where the race comes from, for the page of a job."""
     part, is_fresh = _part(service, parts, row, about_part)
-    text = part.text if isinstance(part, Part) else ""  # what is wrong with the race, its own part says
+    text = (
+        service.store.without_place(part.text) if isinstance(part, Part) else ""
+    )  # what is wrong with the race, its own part says
     return _aged(fragment(_live(row, "about", text)), is_fresh=part is not None or is_fresh)
 
 
@@ -265,7 +271,7 @@ def _link(row: IndexRow, name: str, path: Path) -> str:
 
 def _messages(service: Service, row: IndexRow) -> Html:
     """The messages of the process of a job, for its owner."""
-    text = last_messages(service.store.folder(row.id) / OUTPUT)
+    text = service.store.without_place(last_messages(service.store.folder(row.id) / OUTPUT))
     shown = f'<pre tabindex="0">{escaped_lines(text)}</pre>' if text else '<p class="faint">There are none.</p>'
     is_open = " open" if row.state == "failed" and text else ""
     return _live(row, "messages", f"<details{is_open}><summary>Messages of its process</summary>{shown}</details>")

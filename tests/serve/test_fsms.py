@@ -11,10 +11,12 @@ from mercator_design.fsm.behaviours import BEHAVIOURS
 from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.modules import numbered
+from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.serve.desk.desk import Busy
 from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
+from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
 from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.replay import replay_of
@@ -332,6 +334,20 @@ class TestReplay:
         shown = ShownExperiment.simulated(Simulator(short_mission()), run.pfsm, 3)
         assert found["data"] == replay_of(shown)["data"]
         assert found["header"]["score"] == shown.score
+
+    def test_of_a_configuration_of_a_job(self, client, job, service):
+        """Also when another one is the best by now."""
+        identity, run = job
+        raced = RaceStatus(service.store.run_folder(identity)).read_on().configurations
+        other = next(one for one in raced if one != run.result.configuration)
+        pfsm = to_pfsm(raced[other], "watermelon")
+        for number, fsm in ((other, pfsm), (run.result.configuration, run.pfsm)):
+            given = {"seed": 3, "configuration": number}
+            (found,) = client.get(f"/api/v1/jobs/{identity}/replay", params=given).json()
+            assert found["data"] == replay_of(ShownExperiment.simulated(Simulator(short_mission()), fsm, 3))["data"]
+        answer = client.get(f"/api/v1/jobs/{identity}/replay", params={"configuration": 10**6})
+        assert answer.status_code == 422
+        assert "expected the number of a configuration of its race, found 1000000" in answer.text
 
 
 class TestWinner:

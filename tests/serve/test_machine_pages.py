@@ -200,7 +200,7 @@ class TestBrowser:
     @pytest.mark.parametrize("kept", ["{", "[]", '{"machine": {"flavour": "mint", "states": []}}', '{"machine": 1}'])
     def test_what_another_version_has_kept_is_left_alone(self, quiet, address, kept):
         page = quiet
-        page.evaluate(f"localStorage.setItem('mercator.fsm.local', {kept!r})")
+        page.evaluate(f"localStorage.setItem('mercator/local/fsm', {kept!r})")
         page.open(f"{address}/fsm")
         page.click("#diagram button")
         page.wait_for(states(1))

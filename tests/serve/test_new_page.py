@@ -23,7 +23,7 @@ floor: {zones: [{name: nest, shape: disc, center: [0, 0], radius: 0.4, color: bl
 placement: {shape: disc, radius: 0.9}
 objective: {name: robots_in_zone, zones: [nest], direction: maximise}
 """
-DRAFT = "mercator.new.local.mission:foraging"
+DRAFT = "mercator/local/new/mission:foraging"
 
 
 def text_in(page):

@@ -53,7 +53,7 @@ def test_from_the_login_to_the_fsm(page, lab):
     # a mission with a mistake is mended and submitted
     page.open(f"{address}/new?mission=aggregation")
     draft = json.dumps(json.dumps({"text": f"robtos: 9\n{SHORT}", "settings": {"budget": "60", "method": "random"}}))
-    page.evaluate(f"localStorage.setItem('mercator.new.ann.mission:aggregation', {draft})")
+    page.evaluate(f"localStorage.setItem('mercator/ann/new/mission:aggregation', {draft})")
     page.open(f"{address}/new?mission=aggregation")
     page.wait_for("document.getElementById('findings').textContent.includes(\"did you mean 'robots'?\")")
     page.evaluate("document.querySelector('.cm-content').focus()")
@@ -102,8 +102,14 @@ def test_from_the_login_to_the_fsm(page, lab):
     assert [url for url in page.requests if not url.startswith((address, "data:"))] == []
     assert page.complaints == []
 
-    # out again: nothing of it is shown any more
+    # out again: nothing of it is shown any more, and no draft is left
+    page.evaluate("localStorage.setItem('mercator/bob/fsm', '{}')")  # of who used this browser before
+    page.open(f"{address}/new?mission=aggregation")
+    assert page.evaluate("Object.keys(localStorage).join()") == "mercator/ann/fsm"
+    page.evaluate("document.querySelector('.cm-content').focus()")
+    page.press("a")  # what was typed just now is kept when the page is left
     page.click("header form button")
     page.wait_for("document.querySelector('h1')?.textContent === 'Log in'")
+    assert page.evaluate("Object.keys(localStorage).join()") == "mercator/left"
     page.open(f"{address}/jobs/{job}")
     assert page.evaluate("document.querySelector('h1').textContent") == "Log in"

@@ -10,6 +10,7 @@ from mercator_design.errors import MissionError, RaceError, excerpt, printable
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
+from mercator_design.race.session.record import Record
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.settings import UserLimits
@@ -96,17 +97,33 @@ class FsmSource:
     text: str = ""
     flavour: str | None = None
     folder: Path | None = None
+    configuration: int | None = None  # of the race in the folder; None: its winner, or its best so far
 
     def read(self) -> FsmFile:
         """The FSM.
 
         Raises:
             FsmError: It is not valid; with each mistake.
-            RaceError: The run folder has none.
+            RaceError: The run folder has none, or not this configuration.
         """
         if self.folder is None:
             return fsm_of(self.text, printable(self.name) or FSM, self.flavour)
-        return leader_of(self.folder).fsm
+        if self.configuration is None:
+            return leader_of(self.folder).fsm
+        return _raced(self.folder, RaceStatus(self.folder).read_on(), self.configuration)
+
+
+def _raced(folder: Path, record: Record, configuration: int) -> FsmFile:
+    """The FSM of a configuration of a race.
+
+    Raises:
+        RaceError: There is no such configuration, or it is no race of control software.
+    """
+    if configuration not in record.configurations:
+        raise RaceError(f"{folder.name}: expected the number of a configuration of its race, found {configuration}")
+    if record.start["task"] != "mission":
+        raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
+    return FsmFile(pfsm=to_pfsm(record.configurations[configuration], record.start["flavour"]), header={})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,12 +154,10 @@ def leader_of(folder: Path) -> LeadingDesign:
     number, mean = view.leader, view.best_score
     if number is None or mean is None:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
-    if record.start["task"] != "mission":
-        raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
     return LeadingDesign(
         configuration=number,
         mean=mean,
         runs=len(view.scores(number)),
         is_winner=view.is_complete,
-        fsm=FsmFile(pfsm=to_pfsm(record.configurations[number], record.start["flavour"]), header={}),
+        fsm=_raced(folder, record, number),
     )

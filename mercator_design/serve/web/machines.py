@@ -17,7 +17,6 @@ from mercator_design.serve.http.problems import Missing
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
-from mercator_design.show.markup import escaped
 from mercator_design.show.report.markup import Html
 
 router = APIRouter(include_in_schema=False)
@@ -39,7 +38,7 @@ def editor(service: TheService, user: TheUser, job: str = "", design: str = "") 
     rivals = Html(f'<option value="">nothing</option>{_rivals(offered)}')
     return page(
         "FSM editor",
-        f"""<form class="fields" id="setting" data-user="{escaped(user.name)}">
+        f"""<form class="fields" id="setting">
 <div><label for="mission">Mission</label><select id="mission">{_missions(offered, _FIRST)}</select></div>
 <div><label for="flavour">Flavour</label><select id="flavour">{flavours}</select></div>
 <div><label for="rival">Compare with</label><select id="rival">{rivals}</select></div>

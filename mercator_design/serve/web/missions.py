@@ -64,8 +64,7 @@ def new(
     body = (
         f'<p class="problem" role="alert">{escaped(problem)}</p>' if problem else "",
         _start(name, "" if name else job),
-        f'<form id="new" novalidate data-user="{escaped(user.name)}" data-start="{escaped(start)}" '
-        f'data-shipped="{escaped(name)}">',
+        f'<form id="new" novalidate data-start="{escaped(start)}" data-shipped="{escaped(name)}">',
         _editor(text),
         _settings(service.settings.limits.budget, request),
         "</form>",

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, TypeVar
 
@@ -110,9 +111,11 @@ def replay_of_job(
     service: TheService,
     row: VisibleJob,
     seed: Annotated[int, Query(ge=0, le=MAX_SEED, description="Of the instance.")] = 1,
+    configuration: Annotated[
+        int | None, Query(ge=0, lt=2**63, description="Of its race; by default the winner, or the best so far.")
+    ] = None,
 ) -> list[dict[str, Any]]:
-    """Run the winner of a job, or its best so far, on an instance of its mission: what the viewer plays."""
-    machines = Machines(
-        fsms=(job_source(service, row),), mission=mission_of_job(service, row), limits=service.settings.limits
-    )
+    """Run a configuration of a job on an instance of its mission: what the viewer plays."""
+    source = replace(job_source(service, row), configuration=configuration)
+    machines = Machines(fsms=(source,), mission=mission_of_job(service, row), limits=service.settings.limits)
     return service.desk.run(replays, machines, seed)

@@ -51,6 +51,41 @@ const Mercator = {
     });
   },
 
+  /** A draft of the user, which the browser keeps until the logout, and its change; null: there is none. */
+  draft(name) {
+    try { return localStorage.getItem(Drafts.key(name)); } catch { return null; } // private windows may refuse
+  },
+  keepDraft(name, text) {
+    try {
+      if (text === null || localStorage.getItem(Drafts.LEFT)) localStorage.removeItem(Drafts.key(name));
+      else localStorage.setItem(Drafts.key(name), text);
+    } catch { /* no space, or not allowed: nothing is kept */ }
+  },
+
   /** An error, as an element. */
   problem: (error) => Mercator.make("p", { class: "problem", role: "alert" }, error.message),
 };
+
+// Who logs out, or uses a browser after another user, leaves and finds no draft there.
+const Drafts = {
+  LEFT: "mercator/left", // as long as nobody has logged in after a logout: pages that are still open keep nothing
+  user: document.querySelector(".who")?.textContent ?? null,
+  key: (name) => `mercator/${Drafts.user}/${name}`,
+  clear(isKept) {
+    for (const key of Object.keys(localStorage)) if (key.startsWith("mercator/") && !isKept(key)) localStorage.removeItem(key);
+  },
+  begin() {
+    try {
+      if (Drafts.user !== null) Drafts.clear((key) => key.startsWith(Drafts.key("")));
+      else if (localStorage.getItem(Drafts.LEFT)) Drafts.clear((key) => key === Drafts.LEFT);
+    } catch { /* there is no storage */ }
+  },
+  leave() {
+    try {
+      Drafts.clear(() => false);
+      localStorage.setItem(Drafts.LEFT, "1");
+    } catch { /* there is no storage */ }
+  },
+};
+Drafts.begin();
+document.addEventListener("submit", (event) => event.target.matches("form[action='/logout']") && Drafts.leave());

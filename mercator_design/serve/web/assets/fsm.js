@@ -2,7 +2,7 @@
 // The FSM editor. The machine that is drawn is `machine`; the service checks it after each change, and draws it.
 (() => {
   const { api, at, make } = Mercator;
-  const KEPT = `mercator.fsm.${at("setting").dataset.user}`; // in the browser's storage
+  const KEPT = "fsm"; // the draft
   const MAX_HISTORY = 100;
 
   let modules = null; // of the flavour
@@ -383,7 +383,7 @@
 
   function keep() {
     const settings = Object.fromEntries(["mission", "rival", "runs", "seed"].map((id) => [id, at(id).value]));
-    try { localStorage.setItem(KEPT, JSON.stringify({ machine, origin, ...settings })); } catch { /* private windows may refuse */ }
+    Mercator.keepDraft(KEPT, JSON.stringify({ machine, origin, ...settings }));
   }
 
   /** Whether something is a machine: another version of this page may have kept something else. */
@@ -395,7 +395,7 @@
 
   function kept() {
     try {
-      const found = JSON.parse(localStorage.getItem(KEPT));
+      const found = JSON.parse(Mercator.draft(KEPT));
       return isMachine(found.machine) ? found : null;
     } catch { return null; }
   }

@@ -103,9 +103,9 @@
       const place = (stages[chosen] = stage.appendChild(make("div", { class: "stage" })));
       shown.textContent = "Running it again …";
       try {
-        const [replay] = await api("GET", `${path}/replay?seed=${seed}`);
+        const [replay] = await api("GET", `${path}/replay?configuration=${best}&seed=${seed}`);
         if (replay.header.score !== score)
-          throw new Error("It has another score now: there is a new best, or the simulator has another version.");
+          throw new Error("It has another score now: the simulator has another version than that of the race.");
         own[chosen] = await MercatorReplay.mount(place.appendChild(make("div")), [replay]);
         shown.textContent = `Configuration ${best}, on instances of the race.`;
       } catch (error) {

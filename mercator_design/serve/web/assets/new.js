@@ -4,7 +4,7 @@
   const { api, at, make } = Mercator;
   const form = at("new");
   const initial = at("text").value;
-  const place = `mercator.new.${form.dataset.user}.${form.dataset.start}`;
+  const place = `new/${form.dataset.start}`;
   const fields = [...form.querySelectorAll("[name]")];
   const startSettings = settings();
 
@@ -13,17 +13,14 @@
     return Object.fromEntries(fields.map((field) => [field.name, field.value]));
   }
   function draft() {
-    try { return JSON.parse(localStorage.getItem(place)) || {}; } catch { return {}; }
+    try { return JSON.parse(Mercator.draft(place)) || {}; } catch { return {}; }
   }
   let isKept = true;
   function keep() {
     const text = mission();
     isKept = true;
     const isChanged = text !== initial || fields.some((field) => field.value !== startSettings[field.name]);
-    try {
-      if (isChanged) localStorage.setItem(place, JSON.stringify({ text, settings: settings() }));
-      else localStorage.removeItem(place);
-    } catch { /* no space, or not allowed: nothing is kept */ }
+    Mercator.keepDraft(place, isChanged ? JSON.stringify({ text, settings: settings() }) : null);
     at("back").disabled = text === initial;
   }
 
@@ -305,7 +302,7 @@
     try {
       const body = request();
       const { job } = await api("POST", "/jobs", body, { "Idempotency-Key": keyOf(body) });
-      try { localStorage.removeItem(place); } catch { /* nothing was kept */ }
+      Mercator.keepDraft(place, null);
       location.assign(`/jobs/${encodeURIComponent(job.id)}`);
     } catch (error) {
       write("notice", error.message, "problem");

@@ -14,6 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from docs.made_part import MadePart, table
 from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission
+from mercator_design.results.experiments.preview import preview_of
 from mercator_design.show.pictures.preview import save_preview
 from mercator_design.sim.simulate import Simulator
 
@@ -34,7 +35,7 @@ def draw(name: str, path: Path) -> None:
     """The picture of a mission in 256 colours, which is a quarter of what `mdesign missions preview` writes."""
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "picture.png"
-        save_preview(picture, Simulator(load_mission(name)), seed=1)
+        save_preview(picture, preview_of(Simulator(load_mission(name)), seed=1))
         with Image.open(picture) as image:
             image.convert("RGB").quantize(256, method=Image.Quantize.FASTOCTREE).save(path, optimize=True)
 

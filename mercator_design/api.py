@@ -48,7 +48,7 @@ class SimulatedTrace(Trace):
 
     def replay(self) -> "ReplayPage":
         """The experiment as a page that plays it: shown by a notebook, and written by its `save`."""
-        from mercator_design.show.experiment import ShownExperiment
+        from mercator_design.results.experiments.experiment import ShownExperiment
         from mercator_design.show.page import ReplayPage
 
         return ReplayPage([ShownExperiment.simulated(self.simulator, self.pfsm, self.seed)])

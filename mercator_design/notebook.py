@@ -15,8 +15,9 @@ from mercator_design.missions.trace import Trace
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.task import RaceResult
 from mercator_design.results.analysis.evaluation import Evaluation
+from mercator_design.results.experiments.experiment import ShownExperiment
+from mercator_design.results.experiments.preview import preview_of
 from mercator_design.show.charts import STYLE, Axis, Dot, interval_chart
-from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.markup import escaped
 from mercator_design.sim.simulate import Simulator
@@ -35,8 +36,9 @@ def html_of(value: object) -> str:
 def _mission(mission: Mission) -> str:
     from mercator_design.show.pictures.preview import picture_of
 
+    picture = picture_of(preview_of(Simulator(mission), seed=_SEED), suffix=".png")
     about = f"<p>{escaped(mission.description)}</p>" if mission.description else ""
-    return html_of.dispatch(object)(mission) + about + _png(picture_of(Simulator(mission), seed=_SEED, suffix=".png"))
+    return html_of.dispatch(object)(mission) + about + _png(picture)
 
 
 @html_of.register

@@ -108,7 +108,7 @@ def evaluate(
     pfsms, simulator = _controllers(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     if cost_alone and len(pfsms) > 1:
         raise click.UsageError(f"--cost is of one controller, found {len(pfsms)}")
-    loaded = simulator.mission
+    loaded, model = simulator.mission, simulator.robot_model
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
         warn(*_without_effect(pfsms, simulator))
@@ -122,14 +122,14 @@ def evaluate(
         return
     master = None if instances else seed
     if as_csv:
-        print_result(comparison_csv(Comparison(evaluated, simulator)), nl=False)
+        print_result(comparison_csv(Comparison(evaluated, loaded, model)), nl=False)
         return
     found: object
     if len(evaluated) == 1:
-        found = (evaluation_data if as_json else evaluation_summary)(evaluated[0], simulator, seed=master)
+        found = (evaluation_data if as_json else evaluation_summary)(evaluated[0], loaded, model, seed=master)
     else:
-        compared = Comparison(evaluated, simulator)
-        found = (comparison_data if as_json else comparison_text)(compared, simulator, seed=master)
+        compared = Comparison(evaluated, loaded, model)
+        found = (comparison_data if as_json else comparison_text)(compared, seed=master)
     print_result(json.dumps(found, allow_nan=False) if as_json else found)
 
 

@@ -14,6 +14,7 @@ from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
 from mercator_design.mission_sampler import CLASSES, MissionClass, sample_mission
 from mercator_design.missions.mission import load_mission
+from mercator_design.results.experiments.preview import preview_of
 from mercator_design.show.text.missions import missions_json, missions_table
 from mercator_design.system.files import write_text, writing
 
@@ -73,7 +74,7 @@ def preview(mission: str, output: Path | None, seed: int, robot_model: str | Non
     path = output or Path(f"{loaded.name}.png")
     simulator = new_simulator(loaded, robot_model)
     with writing(path):
-        save_preview(path, simulator, seed=seed, caption=command_line())
+        save_preview(path, preview_of(simulator, seed=seed), caption=command_line())
     warn_of_mission(simulator, refuse=False)
     print_result(path)
 

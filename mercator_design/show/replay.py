@@ -13,7 +13,7 @@ from mercator_design.config.colours import COLOURS, STATE_COLOURS, hex_of
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.trace import Trace
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.sim.robot_model import RobotModel
 

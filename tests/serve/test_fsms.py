@@ -13,12 +13,12 @@ from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.serve.desk.desk import Busy
 from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
 from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
-from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission, submitted

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import mercator_design as md
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.sim.simulate import Simulator
 
 DATA = Path(__file__).parents[1] / "data"

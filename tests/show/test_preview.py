@@ -10,7 +10,8 @@ from PIL import Image
 from docs import gallery
 from mercator_design.config import shipped
 from mercator_design.missions.mission import load_mission, parse_mission
-from mercator_design.show.pictures.preview import preview, save_preview
+from mercator_design.results.experiments.preview import preview_of
+from mercator_design.show.pictures.preview import draw_preview, save_preview
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
@@ -54,7 +55,7 @@ objective: {name: robots_in_zone, zones: [nest], direction: maximise}
 def test_a_thin_arena(x, y, tmp_path):
     vertices = str([[-x, -y], [x, -y], [x, y], [-x, y]])
     simulator = Simulator(parse_mission(THIN.replace("VERTICES", vertices), name="thin"))
-    save_preview(tmp_path / "thin.png", simulator, seed=1)
+    save_preview(tmp_path / "thin.png", preview_of(simulator, seed=1))
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def labyrinth():
 @pytest.fixture(scope="module")
 def drawn(labyrinth):
     """Its picture, of the instance of seed 1."""
-    return preview(labyrinth, seed=1)
+    return draw_preview(preview_of(labyrinth, seed=1))
 
 
 def floor_pixel(axes, x, y):
@@ -103,7 +104,7 @@ def test_walls_obstacles_and_room_are_drawn(labyrinth, drawn):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_robots_stand_where_the_instance_has_them(labyrinth, drawn, seed):
-    found = outlines((drawn if seed == 1 else preview(labyrinth, seed=seed)).axes[0])
+    found = outlines((drawn if seed == 1 else draw_preview(preview_of(labyrinth, seed=seed))).axes[0])
     poses = labyrinth.instance(seed).swarm.poses
     body = load_robot_model("mercator").body
     for x, y, heading in poses[:, :3]:
@@ -134,7 +135,7 @@ def test_zones_and_lights_are_named(drawn):
 
 def test_a_light_that_is_off_is_hollow_and_says_so():
     lights = "lights=[{position: [0.5, 0, 1], intensity: 0}, {position: [-0.5, 0, 1], intensity: 2}]"
-    (axes,) = preview(Simulator(load_mission("aggregation", [lights])), seed=1).axes
+    (axes,) = draw_preview(preview_of(Simulator(load_mission("aggregation", [lights])), seed=1)).axes
     filled = {
         tuple(marks.get_offsets()[0]): len(marks.get_facecolors()) > 0
         for marks in axes.collections
@@ -166,7 +167,7 @@ def test_the_reach_of_centres_keeps_from_walls_and_what_is_out_of_reach_is_hatch
             "placement={shape: rectangle, center: [-0.4, 0], size: [1, 1]}",
         ],
     )
-    figure = preview(Simulator(mission), seed=1)
+    figure = draw_preview(preview_of(Simulator(mission), seed=1))
     reach, hidden = (start_area(figure.axes[0], what) for what in ("reach of centres", "out of reach"))
     assert reach.min(axis=0) == pytest.approx([-0.857, -0.857], abs=0.03)
     assert reach.max(axis=0) == pytest.approx([0.247, 0.857], abs=0.03)
@@ -189,7 +190,9 @@ def test_the_start_area_is_the_placements_within_the_walls(drawn):
     assert area.min(axis=0) == pytest.approx([-1.1, -0.85], abs=0.05)
     assert area.max(axis=0) == pytest.approx([-0.1, 0.05], abs=0.05)
     wide = Simulator(load_mission("aggregation", ["placement.radius=9"]))
-    assert np.hypot(*start_area(preview(wide, seed=1).axes[0]).T).max() == pytest.approx(1.226, abs=0.06)
+    assert np.hypot(*start_area(draw_preview(preview_of(wide, seed=1)).axes[0]).T).max() == pytest.approx(
+        1.226, abs=0.06
+    )
 
 
 def test_the_start_area_has_its_corners(drawn):
@@ -200,18 +203,18 @@ def test_the_start_area_has_its_corners(drawn):
 
 
 def test_the_title_is_as_in_yaml():
-    figure = preview(Simulator(load_mission("aac", ["objective.share=true"])), seed=1)
+    figure = draw_preview(preview_of(Simulator(load_mission("aac", ["objective.share=true"])), seed=1))
     assert any("when: always; share: true" in text.get_text() for text in figure.texts)
 
 
 def test_fixed_poses_have_no_start_area():
     mission = load_mission("aggregation", ["placement={shape: poses, poses: [[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]}"])
-    assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
+    assert start_area(draw_preview(preview_of(Simulator(mission), seed=1)).axes[0]) is None
 
 
 def test_a_start_area_too_small_to_draw():
     mission = load_mission("aggregation", ["robots=1", "placement.radius=0.001"])
-    assert start_area(preview(Simulator(mission), seed=1).axes[0]) is None
+    assert start_area(draw_preview(preview_of(Simulator(mission), seed=1)).axes[0]) is None
 
 
 @pytest.mark.parametrize("size", [(8.0, 0.6), (0.6, 8.0), (0.5, 0.5), (300.0, 200.0)])
@@ -226,7 +229,7 @@ def test_any_shape_fits_with_metres_alike_along_both_axes(size):
             f"placement={{shape: poses, poses: [[{x / 2}, {y / 2}, 0]]}}",
         ],
     )
-    figure = preview(Simulator(mission), seed=1)
+    figure = draw_preview(preview_of(Simulator(mission), seed=1))
     (axes,) = figure.axes
     box, (width, height) = axes.get_position(original=True), figure.get_size_inches()
     drawn = np.array([box.width * width, box.height * height])
@@ -244,7 +247,7 @@ def files(tmp_path_factory, labyrinth):
     folder = tmp_path_factory.mktemp("pictures")
     found = {suffix: folder / f"a{suffix}" for suffix in (".PNG", ".svg")}
     for file in found.values():
-        save_preview(file, labyrinth, seed=1)
+        save_preview(file, preview_of(labyrinth, seed=1))
     assert sorted(folder.iterdir()) == sorted(found.values())
     return found
 
@@ -253,13 +256,13 @@ class TestFiles:
     @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
     def test_the_same_to_the_last_byte_whatever_the_users_style(self, files, tmp_path, labyrinth, suffix):
         with mpl.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "text.usetex": True}):
-            save_preview(tmp_path / f"b{suffix}", labyrinth, seed=1)
+            save_preview(tmp_path / f"b{suffix}", preview_of(labyrinth, seed=1))
             assert mpl.rcParams["font.size"] == 20.0
         assert files[suffix].read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
     @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
     def test_another_instance_is_another_picture(self, files, tmp_path, labyrinth, suffix):
-        save_preview(tmp_path / f"c{suffix}", labyrinth, seed=2)
+        save_preview(tmp_path / f"c{suffix}", preview_of(labyrinth, seed=2))
         assert files[suffix].read_bytes() != (tmp_path / f"c{suffix}").read_bytes()
 
     def test_they_are_what_they_are_called(self, files):

@@ -10,12 +10,12 @@ import pytest
 
 from mercator_design.config.checked_lines import to_line
 from mercator_design.errors import MissionError, RobotError
+from mercator_design.results.experiments.robot_logs import is_log, read_logs
+from mercator_design.results.experiments.traces import read_trace
 from mercator_design.robot.logs.events import CycleDone
 from mercator_design.robot.logs.log import read
 from mercator_design.show.replay import replay_of
-from mercator_design.show.robot_logs import is_log, read_logs
 from mercator_design.show.text.recording import write_recording
-from mercator_design.show.traces import read_trace
 
 
 def ignore(_):
@@ -206,7 +206,7 @@ class TestHostileFiles:
         assert refused > len(good) // 10
 
     def test_archive_that_unpacks_to_much(self, simulator, tmp_path, monkeypatch):
-        monkeypatch.setattr("mercator_design.show.traces.MAX_UNPACKED", 100)
+        monkeypatch.setattr("mercator_design.results.experiments.traces.MAX_UNPACKED", 100)
         np.savez_compressed(tmp_path / "t.npz", **self.arrays())
         with pytest.raises(MissionError, match="MiB of arrays"):
             read_trace(tmp_path / "t.npz", simulator, 1, None)

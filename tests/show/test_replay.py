@@ -11,7 +11,7 @@ import pytest
 
 import mercator_design as md
 from mercator_design.missions.floor_kernels import colours_at
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.page import ReplayPage
 from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator

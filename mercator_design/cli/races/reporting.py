@@ -11,8 +11,9 @@ from mercator_design.errors import RaceError
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session.task import Task
 from mercator_design.results.analysis.proof import Proof, default_runs, prove, read_proof
+from mercator_design.results.experiments.winner import run_again
+from mercator_design.results.facts import Facts
 from mercator_design.results.files import JOURNAL, restored
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.page import MAX_SIZE, REPORT, report_page
 from mercator_design.show.text.progress import Display, Mode
 from mercator_design.system.files import Unreadable, read_small, write_text, writing
@@ -56,7 +57,7 @@ def write_report(
     """
     facts = Facts.read(folder, task=task)
     proof, without = _proof(facts, proof_runs, jobs, progress, stopped, is_own=task is not None)
-    page = report_page(facts, proof, without)
+    page = report_page(facts, run_again(facts, proof), proof, without)
     with writing(output):
         write_text(output, page)
 
@@ -73,7 +74,8 @@ def latest_report(folder: Path) -> str:
             return read_small(written, MAX_SIZE).decode()
     except (OSError, Unreadable, UnicodeDecodeError):  # then it is made anew
         pass
-    return report_page(Facts.read(folder))
+    facts = Facts.read(folder)
+    return report_page(facts, run_again(facts, None))
 
 
 def _proof(

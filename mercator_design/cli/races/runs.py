@@ -94,19 +94,19 @@ def compare(
     shows which is best, as that of `mdesign evaluate`.
     """
     table, races = side_by_side(directories), races_json(directories)
-    found, simulator = None, None
+    found = None
     if runs:
         pfsms, simulator = winners(directories)
         simulator.rehearse(announce=print_note)
         evaluated = measured(pfsms, simulator, fresh_instances(seed, runs), jobs=jobs, progress=progress)
-        found = Comparison(evaluated, simulator)
+        found = Comparison(evaluated, simulator.mission, simulator.robot_model)
     if as_json:
-        data = comparison_data(found, simulator, seed=seed) if found and simulator else None
+        data = comparison_data(found, seed=seed) if found else None
         print_result(json.dumps({"races": races, "evaluation": data}, allow_nan=False))
     else:
         print_result(table)
-        if found and simulator:
-            print_result(f"\n{comparison_text(found, simulator, seed=seed)}")
+        if found:
+            print_result(f"\n{comparison_text(found, seed=seed)}")
     if plot is not None:
         with writing(plot):
             save_races(plot, directories, command=command_line())

@@ -9,7 +9,7 @@ from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
 from mercator_design.command import print_result
 from mercator_design.errors import printable
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.pictures.figures import FORMATS
 from mercator_design.show.pictures.plots import KINDS, save_plots
 from mercator_design.system.files import writing

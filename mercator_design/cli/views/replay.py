@@ -10,7 +10,7 @@ from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import shows_experiments
 from mercator_design.command import NumberRange, print_message, print_result
 from mercator_design.errors import printable
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.page import ReplayPage
 from mercator_design.show.pictures import figures, film
 from mercator_design.show.text.progress import Display

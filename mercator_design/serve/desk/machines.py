@@ -15,10 +15,10 @@ from mercator_design.fsm.words.modules import KnownSwarm
 from mercator_design.fsm.yaml_form import parse_yaml
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
 from mercator_design.serve.settings import UserLimits
 from mercator_design.show.charts import Axis, Dot, interval_chart
-from mercator_design.show.experiment import ShownExperiment
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.replay import Replay, replay_of
 from mercator_design.show.report.markup import p_text
@@ -136,10 +136,10 @@ def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequen
         Evaluated(source.name, fsm.pfsm, Evaluation(scores=Scores(tuple(scores[k::n])), seeds=tuple(seeds)))
         for k, (source, fsm) in enumerate(zip(machines.fsms, fsms, strict=True))
     ]
-    found = Comparison(evaluated, simulator)
+    found = Comparison(evaluated, simulator.mission, simulator.robot_model)
     objective = simulator.mission.objective
     axis = Axis(f"score ({objective.name}, {objective.direction})")
-    return {**comparison_data(found, simulator, seed=seed), "chart": interval_chart([*_dots(found)], axis)}
+    return {**comparison_data(found, seed=seed), "chart": interval_chart([*_dots(found)], axis)}
 
 
 def _dots(found: Comparison) -> Iterator[Dot]:

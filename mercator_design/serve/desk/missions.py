@@ -115,9 +115,10 @@ def picture(source: MissionSource, limits: UserLimits, seed: int, kind: Literal[
     Raises:
         MercatorError: It is not valid, or the robots do not fit.
     """
+    from mercator_design.results.experiments.preview import preview_of
     from mercator_design.show.pictures.preview import picture_of
 
-    return picture_of(Simulator(source.read(limits)), seed=seed, suffix=f".{kind}")
+    return picture_of(preview_of(Simulator(source.read(limits)), seed=seed), suffix=f".{kind}")
 
 
 def mission_text(source: MissionSource, limits: UserLimits) -> str:

@@ -6,14 +6,14 @@ from functools import cached_property
 from pathlib import Path
 
 from mercator_design.results.analysis.proof import read_proof
+from mercator_design.results.experiments.winner import ShownRun, chosen_runs
+from mercator_design.results.facts import Facts
 from mercator_design.show.report.answer import answer
 from mercator_design.show.report.choice import choice
 from mercator_design.show.report.course import course
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.importance import importance
 from mercator_design.show.report.markup import note
 from mercator_design.show.report.origin import origin
-from mercator_design.show.report.replays import ShownRun, chosen_runs
 from mercator_design.show.report.request import request
 
 

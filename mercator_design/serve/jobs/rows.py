@@ -11,10 +11,10 @@ from mercator_design.errors import RaceError, excerpt, printable
 from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import OtherVersion
 from mercator_design.results.files import read_journal
+from mercator_design.results.listing import run_of
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_SEED, Job, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus
-from mercator_design.show.text.runs import run_of
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 1024 * 1024  # bytes of a mission

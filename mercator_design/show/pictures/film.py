@@ -25,7 +25,7 @@ from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.show.pictures.scenery import (
     OUTSIDE,

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import excerpt, printable
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.show.pictures.scenery import (
     OUTSIDE,

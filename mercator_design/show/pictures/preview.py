@@ -21,6 +21,7 @@ from scipy import ndimage
 
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Region, covers
+from mercator_design.results.experiments.preview import MissionPreview
 from mercator_design.show.charts import rounded_up
 from mercator_design.show.pictures.figures import file_of, house_style
 from mercator_design.show.pictures.scenery import (
@@ -34,8 +35,6 @@ from mercator_design.show.pictures.scenery import (
     name_zones,
     placed,
 )
-from mercator_design.sim.checks.reach import reach_of
-from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import Instance
 from mercator_design.system.files import write_bytes
 
@@ -48,29 +47,26 @@ _REACH, _HIDDEN = "#5b6770", "#b3123f"
 _CORNER = 3  # cells of the grid of `Reach`: half the width of a place out of reach that is worth showing
 
 
-def save_preview(path: Path, simulator: Simulator, *, seed: int, caption: str = "") -> None:
-    """Write the picture of a mission, with the floor and the starting poses of the instance of a seed.
+def save_preview(path: Path, preview: MissionPreview, *, caption: str = "") -> None:
+    """Write the picture of a mission, with the floor and the starting poses of an instance.
 
     The suffix .png or .svg is the format.
-
-    Raises:
-        MissionError: if the robots do not fit.
     """
-    write_bytes(path, picture_of(simulator, seed=seed, suffix=path.suffix, caption=caption))
+    write_bytes(path, picture_of(preview, suffix=path.suffix, caption=caption))
 
 
-def picture_of(simulator: Simulator, *, seed: int, suffix: str, caption: str = "") -> bytes:
+def picture_of(preview: MissionPreview, *, suffix: str, caption: str = "") -> bytes:
     """As `save_preview`, but the contents of the file."""
     with house_style():
-        figure = preview(simulator, seed=seed)
+        figure = draw_preview(preview)
         if suffix.lower() == ".svg":
             figure.axes[0].images[0].set_interpolation("none")  # all pixels: the viewer scales the picture
         return file_of(figure, suffix, caption)
 
 
-def preview(simulator: Simulator, *, seed: int) -> Figure:
-    """The picture of a mission, of the instance of a seed; in metres."""
-    mission, instance = simulator.mission, simulator.instance(seed)
+def draw_preview(preview: MissionPreview) -> Figure:
+    """The picture of a mission at the start of an instance; in metres."""
+    mission, instance = preview.mission, preview.instance
     low, high = extent(mission)
     size = high - low
     title = _title(mission)
@@ -93,7 +89,7 @@ def preview(simulator: Simulator, *, seed: int) -> Figure:
     legend: list[Artist] = []
     if not isinstance(mission.placement, FixedPlacement) and _draw_start_area(axes, mission, mission.placement):
         legend.append(Line2D([], [], color=_START, linewidth=1.0, linestyle="dashed", label=_START_AREA))
-    legend += _draw_reach(axes, simulator)
+    legend += _draw_reach(axes, preview)
     place = (1.0 - (_WIDTH - left - width) / _WIDTH, 0.0)
     figure.legend(
         handles=legend,
@@ -149,12 +145,12 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     return True
 
 
-def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:
+def _draw_reach(axes: Axes, preview: MissionPreview) -> list[Artist]:
     """Draw the border of what the robots' centres can reach, and hatch what the disc in their bodies cannot cover.
 
     Returns what was drawn, for a legend.
     """
-    reach = reach_of(simulator.mission, simulator.robot_model)
+    reach = preview.reach
     if reach is None or not reach.reached.any():
         return []
     rows, columns = reach.reached.shape
@@ -167,7 +163,7 @@ def _draw_reach(axes: Axes, simulator: Simulator) -> list[Artist]:
         line.set_label(f"_{_REACH_OF_CENTRES}")
     drawn: list[Artist] = [Line2D([], [], color=_REACH, linewidth=0.7, linestyle="dotted", label=_REACH_OF_CENTRES)]
     away = reach.cell * ndimage.distance_transform_edt(~reach.reached)
-    covered = away <= min(simulator.robot_model.body.half_size)
+    covered = away <= min(preview.instance.robot_model.body.half_size)
     hidden = ndimage.binary_opening(reach.inside & ~reach.built & ~covered, np.ones((3, 3)), iterations=_CORNER)
     if hidden.any():
         with mpl.rc_context({"hatch.color": _HIDDEN, "hatch.linewidth": 0.5}):

@@ -18,7 +18,7 @@ from mercator_design.missions.arena import Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
-from mercator_design.show.experiment import ShownExperiment
+from mercator_design.results.experiments.experiment import ShownExperiment
 
 PIXELS = 800
 """Of the floor, along its longer side."""

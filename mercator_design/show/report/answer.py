@@ -11,11 +11,11 @@ from mercator_design.missions.trace import Trace
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.results.analysis.occupancy import occupancy
 from mercator_design.results.analysis.proof import Proof
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.markup import escaped
 from mercator_design.show.report.choice import verdict
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, command, facts_list, figure, folded, note, section, text
 from mercator_design.sim.checks.lint import lint
 
@@ -62,8 +62,8 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
         f"Configuration {best} as a PFSM: robots begin in state 0; each condition is beside the transition "
         "that it triggers."
     )
-    if facts.designer is not None and "neighbours" in pfsm.reads:
-        caption += f" {robots_words(facts.designer.simulator.mission.robots)}"
+    if facts.mission is not None and "neighbours" in pfsm.reads:
+        caption += f" {robots_words(facts.mission.robots)}"
     if traces:
         caption += f" Shares of time and rates are those of the {len(traces)} replays below."
     measured = occupancy(traces, len(pfsm.states)) if traces else None
@@ -73,9 +73,9 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
 
 def _words(facts: Facts, pfsm: Pfsm) -> Html:
     """What the control software does, in a sentence and in full, and what is superfluous in it."""
-    if facts.designer is None:
+    mission, model = facts.mission, facts.robot_model
+    if mission is None or model is None:
         return Html()
-    mission, model = facts.designer.simulator.mission, facts.designer.simulator.robot_model
     names, swarm = state_names(pfsm), KnownSwarm(mission.control_period, mission.robots)
     does = dict.fromkeys(module_words(state.behaviour, state.parameters, swarm) for state in pfsm.states)
     when = "; its conditions decide when" if len(does) > 1 else ""

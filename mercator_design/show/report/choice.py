@@ -6,8 +6,8 @@ from typing import Any
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.proof import ALONE, RUNNER_UP, Proof
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Dot, heat_map, interval_chart, number
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, figure, folded, note, p_text, section, table
 from mercator_design.show.text.columns import difference
 

@@ -7,8 +7,8 @@ from mercator_design.race.analysis.convergence import first_iterations, spreads
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.view import Incumbent
 from mercator_design.results.analysis.pruning import module_counts
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Bars, ChartLine, Thread, bar_chart, line_chart, parallel_chart
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, figure, folded, note, row_of, section, table
 from mercator_design.show.text.iterations import FEW, best_line, iteration_cells, iteration_name
 

@@ -18,8 +18,8 @@ from typing import Any
 
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.race.session.journal import is_locked
+from mercator_design.results.facts import Facts
 from mercator_design.results.files import JOURNAL
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import note
 from mercator_design.show.report.page import following_page, live_part
 

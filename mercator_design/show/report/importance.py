@@ -5,8 +5,8 @@ from mercator_design.fsm.text import to_text
 from mercator_design.race.analysis.importance import Importance
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
 from mercator_design.results.analysis.importance import race_importance
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Dot, interval_chart
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, command, figure, note, p_text, row_of, section
 from mercator_design.show.text.analysis import ABLATION, read_ablation
 
@@ -30,7 +30,7 @@ def _importance(facts: Facts) -> Html:
     dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]
     if not dots:
         return Html()
-    what = "the number of each module in a PFSM" if facts.designer is not None else "each parameter"
+    what = "the number of each module in a PFSM" if facts.mission is not None else "each parameter"
     caption = (
         f"How much {what} explains of the differences between the {explanation.configurations} configurations that "
         f"were raced: share of the variance, with its interval of {CONFIDENCE:.0%}. In all, "

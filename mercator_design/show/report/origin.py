@@ -1,8 +1,8 @@
 """Where the race comes from: what is left of its budget, failures, versions, and the command that runs it again."""
 
 from mercator_design.race.session.events import SessionStarted
+from mercator_design.results.facts import Facts
 from mercator_design.results.files import TASKS
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.markup import Html, command, facts_list, folded, note, section, table
 
 _MAX_FAILURES = 20

@@ -5,6 +5,8 @@ from importlib.resources import files
 
 from mercator_design.errors import excerpt
 from mercator_design.results.analysis.proof import Proof
+from mercator_design.results.experiments.winner import WinnerRuns
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import STYLE
 from mercator_design.show.markup import escaped
 from mercator_design.show.page import POLICY, document, viewer_script, viewer_style
@@ -12,11 +14,10 @@ from mercator_design.show.replay import replay_of
 from mercator_design.show.report.answer import answer
 from mercator_design.show.report.choice import choice
 from mercator_design.show.report.course import course
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.importance import importance
 from mercator_design.show.report.markup import Html, note
 from mercator_design.show.report.origin import origin
-from mercator_design.show.report.replays import chosen_runs, replays, run_again
+from mercator_design.show.report.replays import winner_at_work
 from mercator_design.show.report.request import request
 
 REPORT = "report.html"
@@ -33,28 +34,26 @@ _LINKS = {
 }
 
 
-def report_page(facts: Facts, proof: Proof | None = None, without: str = "") -> str:
+def report_page(facts: Facts, shown: WinnerRuns, proof: Proof | None = None, without: str = "") -> str:
     """The page of a race, at whatever stage it is.
 
     The proof is the winner on fresh instances; `without` says why there is none.
     """
-    runs = chosen_runs(facts, proof) if facts.view.is_complete else []
-    again, problem = run_again(facts, runs)
     first = [
-        answer(facts, proof, [one.trace for one in again]),
+        answer(facts, proof, [one.trace for one in shown.experiments]),
         request(facts),
         course(facts),
         choice(facts, proof, without),
         importance(facts),
     ]
     last = origin(facts)
-    shown = [replay_of(one) for one in again]
+    replays = [replay_of(one) for one in shown.experiments]
     while True:
-        sections = [*first, replays(runs, shown, problem), last]
-        page = _page(facts, sections, viewer=bool(shown))
-        if len(page.encode()) <= MAX_SIZE or not shown:
+        sections = [*first, winner_at_work(shown, replays), last]
+        page = _page(facts, sections, viewer=bool(replays))
+        if len(page.encode()) <= MAX_SIZE or not replays:
             return page
-        shown = shown[:-1]
+        replays = replays[:-1]
 
 
 def live_part(facts: Facts) -> Html:

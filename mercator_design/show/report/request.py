@@ -3,9 +3,8 @@
 import base64
 import io
 
-from mercator_design.designer import Designer
-from mercator_design.errors import MercatorError
-from mercator_design.show.report.facts import Facts
+from mercator_design.results.experiments.preview import MissionPreview
+from mercator_design.results.facts import Facts
 from mercator_design.show.report.markup import Html, facts_list, figure, row_of, section
 
 _DPI = 160
@@ -14,18 +13,18 @@ _COLOURS = 128  # of the picture: few are needed, and it gets three times smalle
 
 def request(facts: Facts) -> Html:
     """The section of what was asked."""
-    start, designer = facts.start, facts.designer
+    start, asked, model = facts.start, facts.mission, facts.robot_model
     mission: list[tuple[str, object]] = [("mission" if start["task"] == "mission" else "scenario", start["name"])]
     picture = Html()
-    if designer is not None:
-        asked, objective = designer.simulator.mission, designer.simulator.mission.objective
+    if asked is not None and model is not None:
+        objective = asked.objective
         mission += [
             ("", asked.description or None),
-            ("robots", f"{asked.robots} of {designer.simulator.robot_model.name}"),
+            ("robots", f"{asked.robots} of {model.name}"),
             ("duration", f"{asked.duration:g} s"),
             ("objective", f"{objective.direction} {objective.name}"),
         ]
-        picture = floor_picture(designer, facts.command())
+        picture = Html() if facts.preview is None else _picture(facts.preview, facts.command())
     race: list[tuple[str, object]] = [
         ("flavour", start.get("flavour")),
         ("method", start["method"]),
@@ -37,19 +36,16 @@ def request(facts: Facts) -> Html:
     return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture))
 
 
-def floor_picture(designer: Designer, command: str) -> Html:
-    """The mission from above; nothing if its robots find no place."""
+def _picture(preview: MissionPreview, command: str) -> Html:
+    """The mission from above."""
     from PIL import Image
 
     from mercator_design.show.pictures.figures import house_style
-    from mercator_design.show.pictures.preview import preview
+    from mercator_design.show.pictures.preview import draw_preview
 
     drawn, file = io.BytesIO(), io.BytesIO()
-    try:
-        with house_style():
-            preview(designer.simulator, seed=designer.seed(0)).savefig(drawn, format="png", dpi=_DPI)
-    except MercatorError:
-        return Html()
+    with house_style():
+        draw_preview(preview).savefig(drawn, format="png", dpi=_DPI)
     Image.open(drawn).convert("RGB").quantize(_COLOURS).save(file, format="PNG", optimize=True)
     data = base64.b64encode(file.getvalue()).decode()
     image = f'<img alt="The mission from above" src="data:image/png;base64,{data}">'

@@ -8,7 +8,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import module_of
 from mercator_design.race.analysis.importance import Explanation, Importance
@@ -31,13 +30,14 @@ _WIDE = 120
 
 def importance_page(task: Task[Any], explanation: Explanation) -> str:
     """The importance of parameters or modules, as text."""
+    flavour = task.start().get("flavour")
     rows: list[tuple[object, ...]] = [("", "share of variance", "active in", "favours", "gain")]
     rows += [
         (
             one.name,
             f"{one.share:.1%} ± {one.error:.1%}",
             f"{one.active:.0%}",
-            _value(task, one),
+            _value(flavour, one),
             f"{one.gain:.3g}",
         )
         for one in explanation.parameters[:_MAX_SHOWN]
@@ -66,11 +66,11 @@ def importance_csv(explanation: Explanation) -> str:
     return csv_text([names, *([getattr(one, name) for name in names] for one in explanation.parameters)])
 
 
-def _value(task: Task[Any], one: Importance) -> str:
+def _value(flavour: str | None, one: Importance) -> str:
     if not isinstance(one.favours, str):
         return f"{one.favours:.3g}"
-    if isinstance(task, Designer):
-        return f"{one.favours} ({module_of(one.name, one.favours, task.flavour).name})"
+    if flavour is not None:
+        return f"{one.favours} ({module_of(one.name, one.favours, flavour).name})"
     return one.favours
 
 

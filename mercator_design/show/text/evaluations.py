@@ -8,12 +8,13 @@ from mercator_design.errors import printable
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.names import state_names
+from mercator_design.missions.mission import Mission
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.analysis.swarm import SwarmStats
 from mercator_design.show.text.columns import aligned, difference
-from mercator_design.sim.simulate import Simulator
+from mercator_design.sim.robot_model import RobotModel
 from mercator_design.system.csv_text import csv_text
 
 _MAX_PAIRS = 10
@@ -47,14 +48,16 @@ class Comparison:
 
     Attributes:
         of: The PFSMs.
+        mission: What they did.
+        robot_model: Their robots.
         best: The place of the best in `of`: that of the best mean, the first of equals.
         pairs: All pairs of places, with paired t-tests and Holm's correction; none of a single instance.
         p_values: Of the pairs with the best, by the other's place.
     """
 
-    def __init__(self, of: Sequence[Evaluated], simulator: Simulator) -> None:
-        self.of = of
-        costs = [simulator.mission.cost(one.scores.mean) for one in of]
+    def __init__(self, of: Sequence[Evaluated], mission: Mission, robot_model: RobotModel) -> None:
+        self.of, self.mission, self.robot_model = of, mission, robot_model
+        costs = [mission.cost(one.scores.mean) for one in of]
         self.best = costs.index(min(costs))
         self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
         self.p_values = {
@@ -64,11 +67,11 @@ class Comparison:
         }
 
 
-def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None) -> str:
+def evaluation_summary(one: Evaluated, mission: Mission, robot_model: RobotModel, *, seed: int | None) -> str:
     """The figures of an evaluation, a line each; given instances have no master seed."""
     scores = one.scores
     low, middle, high = scores.quartiles
-    lines = [*_head(scores, simulator, seed), f"mean                 {scores.mean:.6g}"]
+    lines = [*_head(scores, mission, robot_model, seed), f"mean                 {scores.mean:.6g}"]
     if scores.confidence_interval is not None:
         lines += [
             f"standard deviation   {scores.standard_deviation:.6g}",
@@ -89,13 +92,13 @@ def evaluation_summary(one: Evaluated, simulator: Simulator, *, seed: int | None
     return "\n".join(map(printable, lines))
 
 
-def evaluation_data(one: Evaluated, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+def evaluation_data(one: Evaluated, mission: Mission, robot_model: RobotModel, *, seed: int | None) -> dict[str, Any]:
     """The figures of an evaluation, for JSON; what is not defined, as for one run, is None."""
     scores = {"scores": one.scores.values, "seeds": one.result.seeds}
-    return _facts(one.scores, simulator, seed) | scores | _figures(one)
+    return _facts(one.scores, mission, robot_model, seed) | scores | _figures(one)
 
 
-def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None) -> str:
+def comparison_text(found: Comparison, *, seed: int | None) -> str:
     """A table of PFSMs, their paired tests, and which is best."""
     rows: list[Sequence[object]] = [
         ("FSM", "mean", f"{CONFIDENCE:.0%} interval", "sd", "quartiles", "against the best", "p")
@@ -116,7 +119,7 @@ def comparison_text(found: Comparison, simulator: Simulator, *, seed: int | None
                 None if p is None else _p_text(p),
             )
         )
-    lines = [*_head(best.scores, simulator, seed), "", *aligned(rows)]
+    lines = [*_head(best.scores, found.mission, found.robot_model, seed), "", *aligned(rows)]
     if 1 < len(found.pairs) <= _MAX_PAIRS:
         pairs = [
             (
@@ -159,11 +162,11 @@ def comparison_csv(found: Comparison) -> str:
     return csv_text(rows)
 
 
-def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None) -> dict[str, Any]:
+def comparison_data(found: Comparison, *, seed: int | None) -> dict[str, Any]:
     """All figures and pairs, for JSON."""
     best = found.of[found.best]
     return {
-        **_facts(best.scores, simulator, seed),
+        **_facts(best.scores, found.mission, found.robot_model, seed),
         "seeds": best.result.seeds,
         "best": best.name,
         "fsms": [
@@ -183,8 +186,7 @@ def comparison_data(found: Comparison, simulator: Simulator, *, seed: int | None
     }
 
 
-def _head(scores: Scores, simulator: Simulator, seed: int | None) -> list[str]:
-    mission, robot_model = simulator.mission, simulator.robot_model
+def _head(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int | None) -> list[str]:
     return [
         f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
         f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
@@ -192,14 +194,13 @@ def _head(scores: Scores, simulator: Simulator, seed: int | None) -> list[str]:
     ]
 
 
-def _facts(scores: Scores, simulator: Simulator, seed: int | None) -> dict[str, Any]:
-    mission = simulator.mission
+def _facts(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int | None) -> dict[str, Any]:
     return {
         "mission": mission.name,
         "direction": mission.objective.direction,
         "robots": mission.robots,
         "duration": mission.duration,
-        "robot_model": simulator.robot_model.name,
+        "robot_model": robot_model.name,
         "runs": len(scores.values),
         "seed": seed,
     }

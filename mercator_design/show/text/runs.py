@@ -3,21 +3,19 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean
 from typing import Any
 
 from mercator_design.errors import RaceError, printable
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
-from mercator_design.race.session.journal import Reading, is_locked
-from mercator_design.race.session.record import OtherVersion
-from mercator_design.results.files import JOURNAL, TASKS, read_journal, wrong_end
+from mercator_design.race.session.journal import Reading
+from mercator_design.results.files import TASKS, read_journal
+from mercator_design.results.listing import COLUMNS, run_of, runs_of
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
 from mercator_design.show.text.iterations import best_line, iteration_notes, iterations_table
 from mercator_design.show.text.summary import test_lines
 
-_COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
 _DISPENSABLE = ("started", "seed", "name", "budget")
 
 
@@ -31,9 +29,9 @@ def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
     Raises:
         RaceError: if there is no such folder.
     """
-    found = _runs(folder)
-    head = ["mean" if name == "score" else name for name in _COLUMNS]
-    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in _COLUMNS] for run in found]
+    found = runs_of(folder)
+    head = ["mean" if name == "score" else name for name in COLUMNS]
+    rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in COLUMNS] for run in found]
     wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
     return "\n".join(narrowed([head, *rows], _DISPENSABLE, width)), [note for run in wrong for note in run["notes"]]
 
@@ -44,7 +42,7 @@ def runs_json(folder: Path) -> str:
     Raises:
         RaceError: if there is no such folder.
     """
-    return json.dumps(_runs(folder), indent=2)
+    return json.dumps(runs_of(folder), indent=2)
 
 
 def run_summary(path: Path) -> str:
@@ -169,65 +167,6 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
     title = ", ".join(dict.fromkeys(names))
     save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption)
-
-
-def _runs(folder: Path) -> list[dict[str, Any]]:
-    try:
-        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
-        found = folder.is_dir()
-    except OSError as error:
-        raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
-    if not found:
-        raise RaceError(f"{folder}: no such folder")
-    runs = []
-    for journal in journals:
-        try:
-            runs.append(run_of(journal.parent, read_journal(journal.parent)))
-        except RaceError as error:
-            state = "of another version" if isinstance(error, OtherVersion) else "damaged"
-            notes = [*error.messages]
-            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state, "notes": notes})
-    return runs
-
-
-def _modified(file: Path) -> float:
-    try:
-        return file.stat().st_mtime
-    except OSError:  # a broken link, or just removed
-        return 0.0
-
-
-_KEYS = (*_COLUMNS, "winner", "notes")
-
-
-def run_of(path: Path, reading: Reading) -> dict[str, Any]:
-    """What a table of races says of one: see `_KEYS`."""
-    record = reading.record
-    run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
-    is_running, missing = is_locked(path / JOURNAL), ""
-    try:
-        missing = wrong_end(path, record)
-        notes = [missing] if missing else []
-    except RaceError as error:
-        notes = [*error.messages]
-    if is_running:
-        run["state"] = "running"
-    elif missing:
-        run["state"] = "damaged" if record.is_complete else "end missing"
-    elif record.start and record.is_complete:
-        run["state"] = "finished"
-    else:
-        run["state"] = "stopped"
-    run["notes"] = [] if is_running else notes
-    if record.start:
-        run |= {name: record.start[name] for name in ("name", "method", "seed")}
-        run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
-    if record.sessions:
-        run["started"] = record.sessions[0].time
-    if (winner := record.view.winner) is not None:
-        score = fmean(record.view.scores(winner).values())
-        run |= {"winner": winner, "score": score, "tested": record.view.tested_score}
-    return run
 
 
 def _session(session: SessionStarted | SessionStopped) -> str:

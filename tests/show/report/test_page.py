@@ -24,11 +24,12 @@ from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.results.analysis import proof as proofs
 from mercator_design.results.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
+from mercator_design.results.experiments.winner import WinnerRuns, run_again
+from mercator_design.results.facts import Facts
 from mercator_design.show.report import importance as importances
 from mercator_design.show.report import page as pages
 from mercator_design.show.report import request as requests
 from mercator_design.show.report.choice import verdict
-from mercator_design.show.report.facts import Facts
 from mercator_design.show.report.page import REPORT, report_page
 from tests.race.damage import damaged
 
@@ -106,7 +107,6 @@ def quick(monkeypatch):
     """Leave out what takes long to draw."""
     for name in ("request", "importance"):
         monkeypatch.setattr(pages, name, lambda facts: "")
-    monkeypatch.setattr(pages, "chosen_runs", lambda facts, proof: [])
 
 
 class TestNumbers:
@@ -193,7 +193,7 @@ class TestAlone:
         monkeypatch.setattr(pages, "MAX_SIZE", 0)
         for name in ("request", "importance"):
             monkeypatch.setattr(pages, name, lambda facts: "")
-        assert not Page(report_page(facts, proof)).all("data-replay")
+        assert not Page(report_page(facts, run_again(facts, proof), proof)).all("data-replay")
 
 
 class TestAblation:
@@ -233,15 +233,16 @@ class TestAblation:
 class TestTexts:
     def test_they_appear_as_text(self, folder):
         facts = Facts.read(folder)
-        usual = Page(report_page(facts))
+        usual = Page(report_page(facts, WinnerRuns()))
         record = facts.record
         record.start["name"] = record.start["mercator_design"] = NASTY
         number = max(record.experiments)
-        record.experiments[number] = replace(record.experiments[number], score=None, failure=NASTY)
-        record.iterations[1] = replace(record.iterations[1], note=NASTY)
+        record.view.note(replace(record.experiments[number], score=None, failure=NASTY))
+        first = record.view.incumbents[0]
+        record.view.incumbents[0] = first._replace(ended=replace(first.ended, note=NASTY))
         record.sessions[0] = replace(record.sessions[0], host=NASTY)
         facts = replace(facts, notes=(NASTY,), folder=folder.parent / "<b>\u202e")
-        text = report_page(facts)
+        text = report_page(facts, WinnerRuns())
         assert not any(mark in text for mark in ("<script>alert", "\u202e", "\x1b", "\u0000"))
         page = Page(text)
         assert page.text.count("<script>alert(1)</script>\\u202e\\x1b[31m\\x00'\"&xx") >= 5
@@ -250,11 +251,11 @@ class TestTexts:
 
     def test_of_the_mission(self, folder, monkeypatch):
         monkeypatch.setattr(pages, "request", requests.request)
-        monkeypatch.setattr(requests, "floor_picture", lambda *_: "")
+        monkeypatch.setattr(requests, "_picture", lambda *_: "")
         mission = folder / "mission.yaml"
         described = "description: " + json.dumps("<script>alert(1)</script>\u202e")
         mission.write_text(re.sub(r"^description: .*$", lambda _: described, mission.read_text(), flags=re.MULTILINE))
-        page = Page(report_page(Facts.read(folder)))
+        page = Page(report_page(Facts.read(folder), WinnerRuns()))
         assert "<script>alert(1)</script>\\u202e" in page.text
 
 
@@ -264,7 +265,7 @@ class TestStages:
         lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
         (folder / "journal.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]))
         stopped = Facts.read(folder)
-        text = Page(report_page(stopped)).text
+        text = Page(report_page(stopped, WinnerRuns())).text
         assert not stopped.record.is_complete
         assert "The best so far" in text
         assert f"{len(stopped.record.experiments)} of 240 experiments" in text
@@ -272,11 +273,11 @@ class TestStages:
     def test_one_that_has_just_begun(self, folder):
         lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
         (folder / "journal.jsonl").write_bytes(b"".join(lines[:3]))
-        assert "No iteration has ended yet" in Page(report_page(Facts.read(folder))).text
+        assert "No iteration has ended yet" in Page(report_page(Facts.read(folder), WinnerRuns())).text
 
     def test_one_whose_files_are_lost(self, folder):
         (folder / "mission.yaml").unlink()
-        page = Page(report_page(Facts.read(folder)))
+        page = Page(report_page(Facts.read(folder), WinnerRuns()))
         assert "mission.yaml" in page.text
         assert page.all("data-state")
 
@@ -287,14 +288,14 @@ class TestStages:
         for seed in seeds:
             (folder / "journal.jsonl").write_bytes(damaged(data, random.Random(seed))[0])
             with contextlib.suppress(MercatorError):
-                report_page(Facts.read(folder)).encode()
+                report_page(Facts.read(folder), WinnerRuns()).encode()
 
     def test_one_with_the_provenance_of_another(self, folder):
         file = folder / "provenance.json"
         file.write_text(file.read_text().replace('"flavour": "watermelon"', '"flavour": "chocolate"'))
         facts = Facts.read(folder)
         assert facts.task is None
-        assert "found another race" in Page(report_page(facts)).text
+        assert "found another race" in Page(report_page(facts, WinnerRuns())).text
 
 
 class TestProof:

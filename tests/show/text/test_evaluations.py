@@ -17,6 +17,7 @@ from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.analysis.swarm import evaluate_with_stats
 from mercator_design.show.text.evaluations import Comparison, Evaluated, comparison_text
+from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
 STOP, WALK, W1 = (
@@ -87,13 +88,11 @@ class TestVerdict:
     SCORES = (1.0, 2.0, 3.0, 4.0)
 
     def verdict(self, mission, *others):
-        simulator = Simulator(mission)
-
         def evaluated(k, scores):
             return Evaluated(f"f{k}", parse(STOP), Evaluation(scores=Scores(scores), seeds=tuple(range(4))))
 
         of = [evaluated(k, scores) for k, scores in enumerate((self.SCORES, *others))]
-        text = comparison_text(Comparison(of, simulator), simulator, seed=1)
+        text = comparison_text(Comparison(of, mission, load_robot_model(mission.robot_model)), seed=1)
         return next(line for line in text.splitlines() if line.startswith("Best: "))
 
     def worse(self, *by):

@@ -13,7 +13,7 @@ from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
-from mercator_design.show.experiment import MAX_CELLS, ShownExperiment, check_extent
+from mercator_design.results.experiments.experiment import MAX_CELLS, ShownExperiment, check_extent
 from mercator_design.sim.simulate import Simulator
 from mercator_design.system.files import contents_of
 

@@ -15,9 +15,15 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.floor import Floor
 from mercator_design.missions.trace import Trace
+from mercator_design.results.experiments.experiment import (
+    ShownExperiment,
+    check_extent,
+    number_fired,
+    perceived_of,
+    robots_at,
+)
 from mercator_design.robot.logs.events import CycleDone, LogEnded, RunStarted
 from mercator_design.robot.logs.log import NO_END, controller_of, read, understanding
-from mercator_design.show.experiment import ShownExperiment, check_extent, number_fired, perceived_of, robots_at
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 

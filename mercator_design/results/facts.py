@@ -11,10 +11,12 @@ from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.missions.mission import Mission
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.race.session.view import RaceView
+from mercator_design.results.experiments.preview import MissionPreview, preview_of
 from mercator_design.results.files import (
     TASKS,
     check_configurations,
@@ -23,8 +25,9 @@ from mercator_design.results.files import (
     read_provenance,
     task_of,
 )
+from mercator_design.results.listing import run_of
 from mercator_design.results.provenance import Provenance
-from mercator_design.show.text.runs import run_of
+from mercator_design.sim.robot_model import RobotModel
 
 MAX_ELITES = 8
 """Maximum number of elites that are compared."""
@@ -101,6 +104,24 @@ class Facts:
         """The task, if it designs control software."""
         return self.task if isinstance(self.task, Designer) else None
 
+    @property
+    def mission(self) -> Mission | None:
+        return None if self.designer is None else self.designer.simulator.mission
+
+    @property
+    def robot_model(self) -> RobotModel | None:
+        return None if self.designer is None else self.designer.simulator.robot_model
+
+    @cached_property
+    def preview(self) -> MissionPreview | None:
+        """The mission with the start of the race's first instance; None if its robots find no place."""
+        if self.designer is None:
+            return None
+        try:
+            return preview_of(self.designer.simulator, seed=self.designer.seed(0))
+        except MercatorError:
+            return None
+
     @cached_property
     def best(self) -> int | None:
         """The winner, or the best configuration so far."""
@@ -132,8 +153,8 @@ class Facts:
     @property
     def score_name(self) -> str:
         """The name of the axis of scores."""
-        if self.designer is not None:
-            objective = self.designer.simulator.mission.objective
+        if self.mission is not None:
+            objective = self.mission.objective
             return f"score ({objective.name}, {objective.direction})"
         return "cost (lower is better)" if self.start["task"] == "scenario" else "score"
 

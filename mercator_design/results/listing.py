@@ -1,0 +1,77 @@
+"""What lists say of races, from their run folders."""
+
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from mercator_design.errors import RaceError
+from mercator_design.race.session.journal import Reading, is_locked
+from mercator_design.race.session.record import OtherVersion
+from mercator_design.results.files import JOURNAL, read_journal, wrong_end
+
+COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
+"""The columns of a table of races; see `run_of`."""
+
+
+def runs_of(folder: Path) -> list[dict[str, Any]]:
+    """What `run_of` says of each race in the subfolders of a folder, the last changed one last.
+
+    Raises:
+        RaceError: There is no such folder.
+    """
+    try:
+        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
+        found = folder.is_dir()
+    except OSError as error:
+        raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise RaceError(f"{folder}: no such folder")
+    runs = []
+    for journal in journals:
+        try:
+            runs.append(run_of(journal.parent, read_journal(journal.parent)))
+        except RaceError as error:
+            state = "of another version" if isinstance(error, OtherVersion) else "damaged"
+            notes = [*error.messages]
+            runs.append(dict.fromkeys(_KEYS) | {"run": str(journal.parent), "state": state, "notes": notes})
+    return runs
+
+
+def _modified(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except OSError:  # a broken link, or just removed
+        return 0.0
+
+
+_KEYS = (*COLUMNS, "winner", "notes")
+
+
+def run_of(path: Path, reading: Reading) -> dict[str, Any]:
+    """What a table of races says of one: see `_KEYS`."""
+    record = reading.record
+    run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
+    is_running, missing = is_locked(path / JOURNAL), ""
+    try:
+        missing = wrong_end(path, record)
+        notes = [missing] if missing else []
+    except RaceError as error:
+        notes = [*error.messages]
+    if is_running:
+        run["state"] = "running"
+    elif missing:
+        run["state"] = "damaged" if record.is_complete else "end missing"
+    elif record.start and record.is_complete:
+        run["state"] = "finished"
+    else:
+        run["state"] = "stopped"
+    run["notes"] = [] if is_running else notes
+    if record.start:
+        run |= {name: record.start[name] for name in ("name", "method", "seed")}
+        run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
+    if record.sessions:
+        run["started"] = record.sessions[0].time
+    if (winner := record.view.winner) is not None:
+        score = fmean(record.view.scores(winner).values())
+        run |= {"winner": winner, "score": score, "tested": record.view.tested_score}
+    return run

@@ -40,6 +40,7 @@ from mercator_design.race.session.journal import Journal
 from mercator_design.race.session.outcome import ExperimentFailed, OnFailure, is_fatal, read_result
 from mercator_design.race.session.record import Record, another_race
 from mercator_design.race.session.task import Problem, RaceResult
+from mercator_design.race.session.workload import Workload
 
 T = TypeVar("T")
 
@@ -90,11 +91,8 @@ class RaceRun(Generic[T]):
         self._pending: deque[Event] = deque()  # events that were not returned yet
         self._batch: list[Experiment] = []  # the experiments that the race has asked for
         self._missing: dict[Experiment, int] = {}  # those of the batch that have not finished, with their numbers
-        self._todo: deque[Experiment] = deque()  # those that have not begun
-        self._under_way: dict[int, Experiment] = {}  # by the index of its item
-        self._likely: Iterator[Experiment] | None = None  # speculative experiments; None if not computed yet
+        self._work = Workload()  # what workers run or get next
         self._next_batch: NextBatch | None = None  # for the next batch, while the race proposes it
-        self._held: dict[Experiment, Measurement | Failed] = {}  # results that are not recorded yet
         self._failures: dict[int, ExperimentFailed] = {}  # by the number of the experiment or test
         self._seen: set[int] = set()  # configurations whose event was returned
         self._n_told = self._n_iterations = self._n_revised = self._n_ends = 0
@@ -143,9 +141,10 @@ class RaceRun(Generic[T]):
         """Run the race to its end under each of the record's budgets."""
         record = self._record
         yield from self._advance()
-        for place, result in self._executor.run(self.problem.function, Items(self._next_item, lambda: len(self._todo))):
-            if (experiment := self._under_way.pop(place, None)) is not None:  # else its prediction was wrong
-                self._held[experiment] = result
+        for place, result in self._executor.run(
+            self.problem.function, Items(self._next_item, lambda: len(self._work.todo))
+        ):
+            self._work.end(place, result)
             if self._next_batch is None:
                 self._receive()
             yield from self._advance()
@@ -204,25 +203,25 @@ class RaceRun(Generic[T]):
         """The next item to run: first those of the batch, then speculative ones while workers would be idle."""
         if self._ended or self._is_over():
             raise StopIteration
-        if self._next_batch is not None and not self._todo:
+        if self._next_batch is not None and not self._work.todo:
             self._take(self._next_batch)
-        experiment = self._todo.popleft() if self._todo else self._next_speculative()
+        experiment = self._work.todo.popleft() if self._work.todo else self._next_speculative()
         if experiment is None:
             return None
-        self._under_way[place] = experiment
+        self._work.begin(place, experiment)
         return self._item(experiment)
 
     def _next_speculative(self) -> Experiment | None:
-        if self._likely is None:
-            self._likely = iter(self._optimizer.lookahead(2 * self._executor.jobs) if self.problem.speculates else [])
-        under_way = set(self._under_way.values())
-        return next((e for e in self._likely if e not in under_way and e not in self._record.speculative), None)
+        def lookahead() -> list[Experiment]:
+            return self._optimizer.lookahead(2 * self._executor.jobs) if self.problem.speculates else []
+
+        return self._work.next_likely(lookahead, self._record.speculative)
 
     def _advance(self) -> Iterator[Event]:
         """Tell the race its costs and ask for the next batch, until an experiment has to run or the race has ended."""
         while not (self._ended or self._is_over()):
             if self._next_batch is not None:
-                if not self._next_batch.done and (self._todo or self._under_way):
+                if not self._next_batch.done and not self._work.is_done:
                     return
                 self._take(self._next_batch)
             self._evaluate()
@@ -247,36 +246,34 @@ class RaceRun(Generic[T]):
 
     def _ask(self) -> None:
         """Ask for the next batch; in a thread if experiments that have not run are upcoming."""
-        self._likely = None
+        self._work.forget_likely()
         is_ahead = self._n_told == len(self._record.experiments) and self.problem.speculates and self.problem.predicts
         if not (is_ahead and self._optimizer.upcoming):
             self._batch = self._optimizer.ask()
             if self._batch:
                 self._look_up()
             return
-        self._next_batch = NextBatch(self._optimizer, {*self._under_way.values(), *self._record.speculative})
+        self._next_batch = NextBatch(self._optimizer, {*self._work.under_way, *self._record.speculative})
         self._batch = []
-        self._todo.extend(self._next_batch.upcoming)
+        self._work.todo.extend(self._next_batch.upcoming)
 
     def _take(self, next_batch: NextBatch) -> None:
         """Take the batch that was asked for, and record the results that are held, if their numbers were right."""
         self._batch, self._next_batch = next_batch.batch(), None
-        self._under_way = {place: one for place, one in self._under_way.items() if next_batch.is_right(one)}
-        self._held = {one: result for one, result in self._held.items() if next_batch.is_right(one)}
-        self._todo.clear()
+        self._work.keep(next_batch.is_right)
         if self._batch:
             self._look_up()
         self._receive()
 
     def _receive(self) -> None:
         """Record the results that are held."""
-        for experiment, result in self._held.items():
+        for experiment, result in self._work.held.items():
             is_asked_for = experiment in self._missing
             if is_asked_for and (self.problem.evaluate is None or read_result(result)[2]):
                 self._finish(experiment, result)
             elif isinstance(result, Measurement) and not read_result(result)[2]:  # a failure runs again if asked for
                 self._note(SpeculativeDone(**experiment._asdict(), **result._asdict()))
-        self._held.clear()
+        self._work.held.clear()
 
     def _note_iterations(self) -> None:
         for ended in self._optimizer.iterations[self._n_iterations :]:
@@ -306,13 +303,13 @@ class RaceRun(Generic[T]):
                 raise another_race(f"experiment {number}: {what.format(*expected)}", what.format(*found))
             self._pending.append(one)
         self._pending += self._record.revised.get(self._n_told, {}).values()
-        under_way = {*self._under_way.values(), *self._held}
+        under_way = {*self._work.under_way, *self._work.held}
         for experiment in list(self._missing):
             if experiment in self._record.speculative:
                 if self.problem.evaluate is None:
                     self._finish(experiment, self._record.speculative[experiment])
             elif experiment not in under_way:
-                self._todo.append(experiment)
+                self._work.todo.append(experiment)
 
     def _evaluate(self) -> None:
         """Evaluate a batch when all of it has run: for each instance earlier configurations first, then new ones."""

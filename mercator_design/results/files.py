@@ -35,9 +35,9 @@ _START: Mapping[str, Kind] = {
 }
 
 
-def resume_command(path: Path, task: str) -> str:
+def resume_command(path: Path, task: str, *options: str) -> str:
     """The command that resumes the race of a run folder, for a shell; `task` is a key of TASKS."""
-    return shlex.join(["mdesign", _VERBS[task], "--resume", str(path)])
+    return shlex.join(["mdesign", _VERBS[task], "--resume", str(path), *options])
 
 
 def task_of(path: Path) -> Task[Any]:

@@ -11,14 +11,14 @@ import time
 import joblib
 import pytest
 
-from mercator_design.race.executors.executor import CORES_OF_JOB, Failed, Items, available_jobs, in_order
+from mercator_design.race.executors.executor import CORES_OF_JOB, Failed, Items, WorkerUnfit, available_jobs, in_order
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from tests.processes import LIMIT, started, wait_until
 from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
 from tests.race.test_target import gone
-from tests.race.work import Dies, Hangs, begins, compiles, process_of, square, survives
+from tests.race.work import Dies, DiesLoading, Hangs, begins, compiles, process_of, square, survives
 
 
 class TestAvailableJobs:
@@ -168,6 +168,11 @@ class TestWorkers:
         assert {k: results[k] for k in range(6) if k != 4} == {k: k for k in range(6) if k != 4}
         assert (tmp_path / "2").exists()
 
+    def test_those_that_die_as_they_load_a_function_fail_no_experiment(self):
+        unfit = pytest.raises(WorkerUnfit, match="workers die before they have run anything")
+        with ProcessExecutor(1) as executor, unfit:
+            list(executor.run(DiesLoading(), range(2)))
+
     def test_one_that_dies_while_it_is_idle_is_replaced(self):
         with ProcessExecutor(1) as executor:
             found = executor.run(process_of, iter(range(3)))
@@ -257,8 +262,9 @@ def test_ctrl_c_interrupts_who_waits_for_threads(jobs):
     """A signal is for the main thread: no experiment fails by it."""
     let_go = threading.Event()
 
-    def interrupting(_):
-        os.kill(os.getpid(), signal.SIGINT)
+    def interrupting(item):
+        if item == 0:  # one signal: a second one might come when the test is over
+            os.kill(os.getpid(), signal.SIGINT)
         let_go.wait(LIMIT)
 
     with pytest.raises(KeyboardInterrupt), ThreadExecutor(jobs) as executor:

@@ -1,5 +1,6 @@
 """Races that were stopped, and what is said of races: mdesign race --resume, mdesign runs."""
 
+import contextlib
 import io
 import json
 import math
@@ -70,6 +71,7 @@ def nervous(trace, *, least: float) -> float:
     return x
 """
 SIGNALLING = """
+import contextlib
 import os
 from mercator_design.missions.plugins import objective
 
@@ -80,7 +82,8 @@ def signalling(trace) -> float:
     if len(trace.poses) > 2:  # not the one cycle by which a race is rehearsed
         seen.append(trace)
         if len(seen) == 3:
-            os.kill(os.getpid(), {number})
+            with contextlib.suppress(ProcessLookupError):  # it was another process, and has ended
+                os.kill({process}, {number})
     return float(trace.poses[-1, 0, 0])
 """
 
@@ -113,6 +116,18 @@ def digest(folder):
 def warnings(err):
     """The lines on stderr but progress and notes on iterations: races as short as these hardly tell anything apart."""
     return [line for line in err.splitlines() if not line.startswith(("Note: iteration ", "aggregation: "))]
+
+
+@contextlib.contextmanager
+def dask_started(file):
+    """A scheduler, which is found by its file, and a worker, as one starts them."""
+    common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny"]
+    options = ["--no-dashboard", "--scheduler-file", file]
+    with started(*scheduler, *options, **common) as process, started(*worker, *options, **common):
+        wait_until(file.exists)
+        yield process
 
 
 def stop(folder, number):
@@ -194,12 +209,7 @@ class TestResume:
         pytest.importorskip("distributed")
         file = tmp_path / "scheduler.json"
         stop(folder, 70)
-        common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
-        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny"]
-        options = ["--no-dashboard", "--scheduler-file", file]
-        with started(*scheduler, *options, **common), started(*worker, *options, **common):
-            wait_until(file.exists)
+        with dask_started(file):
             assert mdesign("race", "--resume", folder, "--executor", "dask", "--scheduler", file)[0] == 0
         assert digest(folder) == digest(undisturbed)
 
@@ -483,7 +493,7 @@ class TestSignals:
     def test_a_signal_stops_cleanly(self, mdesign, tmp_path, number, code, word):
         """One that comes while its third experiment runs, or its fourth."""
         folder, plugin = tmp_path / "r", tmp_path / "plugin.py"
-        plugin.write_text(SIGNALLING.format(number=int(number)))
+        plugin.write_text(SIGNALLING.format(process="os.getpid()", number=int(number)))
         options = ["--plugin", plugin, "--set", "objective={name: signalling, direction: maximise}"]
         found, out, err = mdesign(*RACE, *options, "-o", folder)
         assert (found, out) == (code, "")
@@ -497,6 +507,28 @@ class TestSignals:
         assert reading.torn == ""
         assert isinstance(reading.record.sessions[-1], SessionStopped)
         assert "stopped" in mdesign("runs", "show", folder)[1]
+
+    @pytest.mark.timing
+    @pytest.mark.usefixtures("registries")
+    def test_a_scheduler_is_killed(self, mdesign, tmp_path):
+        """No experiment has failed by that, whatever failures do: the race ends, and can be resumed."""
+        pytest.importorskip("distributed")
+        file, folder, whole, plugin = (tmp_path / name for name in ("scheduler.json", "r", "whole", "plugin.py"))
+        options = ["--plugin", plugin, "--set", "objective={name: signalling, direction: maximise}"]
+        dask = ["--executor", "dask", "--scheduler", file, "--on-failure", "reject"]
+        with dask_started(file) as scheduler:
+            plugin.write_text(SIGNALLING.format(process=scheduler.pid, number=int(signal.SIGKILL)))
+            code, out, err = mdesign(*RACE, *options, *dask, "-o", folder)
+        assert (code, out) == (75, "")
+        told, last = err.splitlines()[-2:]
+        assert told.endswith(
+            f"to resume: mdesign race --resume {folder} --jobs 2 --executor dask --scheduler {file} --on-failure reject"
+        )
+        assert last.startswith(f"Error: {file}: lost the Dask cluster")
+        assert not any(one.failure for one in read(folder / JOURNAL).record.experiments.values())
+        assert mdesign("race", "--resume", folder)[0] == 0
+        assert mdesign(*RACE, *options, "-o", whole)[0] == 0
+        assert digest(folder) == digest(whole)
 
     @pytest.mark.timing
     @pytest.mark.usefixtures("plain_python")

@@ -17,7 +17,13 @@ from mercator_design.cli.races.reporting import write_report
 from mercator_design.cli.terminal import Interrupt, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.errors import described
-from mercator_design.race.executors.executor import Executor, ExecutorStopped, available_jobs
+from mercator_design.race.executors.executor import (
+    Executor,
+    ExecutorLost,
+    ExecutorStopped,
+    WorkerUnfit,
+    available_jobs,
+)
 from mercator_design.race.methods.table import METHODS
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import (
@@ -40,6 +46,8 @@ from mercator_design.show.text.columns import with_notes_wrapped
 from mercator_design.show.text.progress import Mode, RaceDisplay
 from mercator_design.show.text.summary import race_summary, written
 
+_NOT_KEPT = ("executor_name", "jobs", "scheduler", "timeout", "on_failure")
+"""Parameters of a race that its folder does not keep: they are given again to resume it in the same way."""
 _MAX_WARNINGS = 10
 """Number of failures that are reported one by one."""
 NOTICE = "Stopping when the running experiments have ended; Ctrl-C again stops at once"
@@ -120,6 +128,14 @@ def reopen(path: Path, task: str) -> RunFolder:
     return RunFolder.reopen(path)
 
 
+def _options_to_repeat() -> list[str]:
+    """The options of this command that a folder does not keep."""
+    context = click.get_current_context()
+    given = [one for one in context.command.params if one.name in _NOT_KEPT]
+    changed = [one for one in given if context.get_parameter_source(one.name) is not ParameterSource.DEFAULT]
+    return [text for one in changed for text in (_hint(one), str(context.params[one.name]))]
+
+
 def new_folder(output: Path | None, task: Task[Any], *, request: Request, testing: Testing | None) -> RunFolder:
     """Create the folder of a new race: as `output` says, or the first of runs/NAME-1, -2, ... that does not exist."""
     if output is not None:
@@ -183,9 +199,14 @@ def run(
                 messages.note(event)
             if mirror is not None:
                 mirror.finish(race.result.configuration)
-    except ExecutorStopped:
+    except (ExecutorStopped, ExecutorLost, WorkerUnfit) as error:
         what = f"{len(record.experiments)} experiments" + (f" and {len(record.tests)} tests" if record.tests else "")
-        interrupt.check(f"{folder.path}: the {what} so far are in journal.jsonl; to resume: {resume}")
+        again = resume_command(folder.path, record.start["task"], *_options_to_repeat())
+        message = f"{folder.path}: the {what} so far are in journal.jsonl; to resume: {again}"
+        if isinstance(error, ExecutorStopped):
+            interrupt.check(message)
+        else:
+            print_message(message)
         raise
     except ExperimentFailed as error:
         print_message(f"To run only the failed experiment: {folder.keep_failed(error.finished)}")

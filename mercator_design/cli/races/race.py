@@ -37,6 +37,8 @@ from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
+_DASK_LOGGERS = ("distributed", "distributed.client", "tornado.application")
+"""They log tracebacks when a scheduler ends, which the race itself reports."""
 _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' threads")
 
 
@@ -170,8 +172,10 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
     if scheduler is not None:
         from mercator_design.race.executors.dask import DaskExecutor
 
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs tracebacks when a scheduler ends
-        return DaskExecutor(scheduler, jobs, announce=announce)
+        executor = DaskExecutor(scheduler, jobs, announce=announce)
+        for logger in _DASK_LOGGERS:  # not before: Dask sets their levels when it is imported
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
+        return executor
     if name == "processes":
         return ProcessExecutor(jobs, timeout=timeout, announce=announce)
     return ThreadExecutor(jobs)

@@ -2,12 +2,17 @@
 
 If a worker dies, Dask gives its experiments to another one, as often as the scheduler's
 `distributed.scheduler.allowed-failures` allows (3 by default). Another experiment on the same worker may be the cause,
-so each then runs alone, and fails if it again kills as many workers. Workers may come and go; while there is none, the
-race waits.
+so each then runs alone, and fails if it again kills as many workers, unless workers die before they run anything.
+Workers may come and go; while there is none, the race waits.
+
+An experiment fails only by what happens to it in a worker. Anything else is a loss of the cluster, or an error of Dask:
+a scheduler that ends or restarts, a connection or client that is closed, tasks that are cancelled.
 """
 
 import collections
+import contextlib
 import math
+import queue
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,19 +23,32 @@ from typing import Any, Self, TypeVar
 
 import cloudpickle
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, described
 from mercator_design.race.executors.compiling import CompilingWorkers, noting
-from mercator_design.race.executors.executor import Failed, WorkerUnfit, call_packed
+from mercator_design.race.executors.executor import (
+    DIES,
+    MAX_WAIT,
+    ExecutorLost,
+    Failed,
+    WorkerUnfit,
+    call_packed,
+    check_worker,
+)
 
 T = TypeVar("T")
 R = TypeVar("R")
 _Bundle = list[tuple[int, T]]  # items with their indices
+_Fetched = queue.SimpleQueue[tuple[Any, Any]]  # futures with their results or exceptions
 
 BUNDLE = 0.2
 """Seconds of work in one task, if there is work for all workers: the scheduler takes a millisecond or two per task."""
 MAX_BUNDLED = 64
 CHECK_EVERY = 1.0
-"""Seconds between two counts of workers: asking the scheduler takes some milliseconds."""
+"""Seconds between two counts of workers: the scheduler takes some milliseconds for an answer."""
+SILENCE = 5.0
+"""Seconds without an answer after which the scheduler is said to be silent."""
+_CLOSING = 2.0
+"""Seconds for saying goodbye to the scheduler."""
 
 
 class DaskExecutor:
@@ -40,8 +58,8 @@ class DaskExecutor:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
         jobs: Number of experiments to submit at a time; by default twice the number of the workers' threads.
         timeout: Seconds to wait for the scheduler.
-        announce: Called with a message when experiments wait and there is no worker, and when workers compile; perhaps
-            in another thread.
+        announce: Called with a message when experiments wait for a worker or for the scheduler, and when workers compile;
+            perhaps in another thread.
 
     Raises:
         RaceError: The package distributed is not installed, or there is no such scheduler.
@@ -63,22 +81,23 @@ class DaskExecutor:
         self._announce = announce
         self._is_stopping = False
         self._wanted = jobs
-        self._jobs, self._checked = 1, -math.inf
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
+            self._n_threads = sum(map(int, self._client.nthreads().values()))  # of all workers, counted now and then
         except (OSError, ValueError, TimeoutError) as error:
             raise RaceError(f"{scheduler}: expected a Dask scheduler there: {error}") from None
         compiling = CompilingWorkers(announce)
         self._topic = f"mercator_design {secrets.token_hex(8)}"  # of the notes that workers send here
         self._client.subscribe_topic(self._topic, lambda event: compiling.add(event[1]))
+        self._asked = self._answered = time.monotonic()
+        self._is_asking = False
 
     @property
     def jobs(self) -> int:
         """Number of threads of the workers, counted now and then; at least one."""
-        if (now := time.monotonic()) > self._checked + CHECK_EVERY:
-            self._checked, self._jobs = now, max(self._n_threads(), 1)
-        return self._jobs
+        self._ask()
+        return max(self._n_threads, 1)
 
     def stop(self) -> None:
         """As `Executor.stop`: without workers, `run` ends."""
@@ -88,91 +107,150 @@ class DaskExecutor:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._client.close()
+        with contextlib.suppress(Exception):  # of a scheduler that is gone or does not answer
+            self._client.close(timeout=_CLOSING)
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
-        from distributed import as_completed
-
         packed = cloudpickle.dumps(function)
         numbered: Iterator[tuple[int, Any]] = enumerate(items)
-        under_way = as_completed(loop=self._client.loop)
-        bundles: dict[Any, _Bundle[T]] = {}
+        fetched: _Fetched = queue.SimpleQueue()
+        bundles: dict[Any, _Bundle[T]] = {}  # by future
         seconds = math.inf  # per item
 
         suspects: collections.deque[tuple[int, T]] = collections.deque()  # items that may have killed their workers
 
         def submit(bundle: _Bundle[T]) -> None:
-            future = self._client.submit(_call_all, packed, [item for _, item in bundle], self._topic, pure=False)
-            bundles[future.key] = bundle
-            under_way.add(future)
+            bundles[self._submit(fetched, _call_all, packed, [item for _, item in bundle], self._topic)] = bundle
 
-        while True:
-            if is_alone := bool(suspects) and not bundles:
-                submit([suspects.popleft()])
-            elif not suspects:
-                room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
-                bundle_size = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
-                drawn = list(takewhile(lambda one: one[1] is not None, islice(numbered, room * bundle_size)))
-                for k in range(min(room, len(drawn))):
-                    submit(drawn[k::room])
-            if not bundles:
-                return
-            if not self._is_one_ready(under_way):
-                return
-            future = next(under_way)
-            bundle = bundles.pop(future.key)
-            results, spent = self._result(future, len(bundle))
-            if results is None and not is_alone:
-                suspects += bundle
-            elif results is None:
-                yield bundle[0][0], Failed("its workers died")
-            else:
-                seconds = spent / len(bundle) or seconds
-                yield from zip((index for index, _ in bundle), results, strict=True)
-
-    def _is_one_ready(self, under_way: Any) -> bool:  # noqa: ANN401 - Dask's as_completed
-        """Wait until a future has ended; False if the executor stops and there is no worker."""
-        is_announced, look = False, time.monotonic() + CHECK_EVERY
-        while not under_way.has_ready():
-            with under_way.thread_condition:
-                under_way.thread_condition.wait(timeout=0.1)
-            if time.monotonic() < look:
-                continue
-            is_there = self._n_threads() > 0
-            if not is_there and self._is_stopping:
-                return False
-            if not is_there and not is_announced:
-                self._announce(f"{self._scheduler}: no worker is connected; the race waits for one")
-            is_announced, look = not is_there, time.monotonic() + CHECK_EVERY
-        return True
-
-    def _n_threads(self) -> int:
-        """Number of threads of all workers; 0 if the scheduler does not answer."""
         try:
-            return sum(map(int, self._client.nthreads().values()))
-        except (OSError, RuntimeError, ValueError):  # the connection is closed, or a timeout
-            return 0
+            while True:
+                if is_alone := bool(suspects) and not bundles:
+                    submit([suspects.popleft()])
+                elif not suspects:
+                    room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
+                    bundle_size = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
+                    drawn = list(takewhile(lambda one: one[1] is not None, islice(numbered, room * bundle_size)))
+                    for k in range(min(room, len(drawn))):
+                        submit(drawn[k::room])
+                if not bundles or (ended := self._next(fetched)) is None:
+                    return
+                future, found = ended
+                bundle = bundles.pop(future)
+                future.release()
+                if found is not None:
+                    results, spent = found
+                    seconds = spent / len(bundle) or seconds
+                    yield from zip((index for index, _ in bundle), results, strict=True)
+                elif not is_alone:
+                    suspects += bundle
+                elif self._is_a_worker_fit(packed):
+                    yield bundle[0][0], Failed("its workers died")
+        finally:
+            for future in bundles:
+                future.release()
 
-    @staticmethod
-    def _result(future: Any, n: int) -> tuple[list[Any] | None, float]:  # noqa: ANN401 - the function's type
-        """The results of n items and their time [s]; None if their workers died.
+    def _submit(self, fetched: _Fetched, function: Callable[..., object], *arguments: object) -> Any:  # noqa: ANN401
+        """Submit a task; the future and its result are put into a queue when the result is here."""
+        try:
+            future = self._client.submit(function, *arguments, pure=False)
+            self._client.loop.add_callback(_fetch, future, fetched)
+        except Exception as error:
+            if self._client.status == "running":
+                raise
+            raise self._lost(error) from None
+        return future
 
-        Dask does not know the cause of a death: it counts against all tasks of the worker.
+    def _next(self, fetched: _Fetched) -> tuple[Any, Any] | None:
+        """The next future that has ended, and its result; without one if its workers died.
+
+        None if the executor stops and there is no worker.
+
+        Raises:
+            WorkerUnfit: A worker or Dask cannot run the task.
+            ExecutorLost: There is no connection to the scheduler, or it has given up the task.
         """
         from distributed.scheduler import KilledWorker
 
+        ended = self._wait(fetched)
+        if ended is None:
+            return None
+        future, found = ended
+        if isinstance(found, KilledWorker):  # it does not know the cause: a death counts against all tasks of a worker
+            return future, None
+        if isinstance(found, WorkerUnfit):
+            raise found
+        if isinstance(found, BaseException):
+            if future.status == "error":
+                reason = " ".join(described(found.__cause__ or found).split())
+                raise WorkerUnfit(f"{self._scheduler}: the scheduler or a worker cannot run this race: {reason}")
+            raise self._lost(found)
+        return future, found
+
+    def _wait(self, fetched: _Fetched) -> tuple[Any, Any] | None:
+        """The next future of a queue with its result; None if the executor stops and there is no worker."""
+        announced, begin = "", time.monotonic()
+        while True:
+            with contextlib.suppress(queue.Empty):
+                return fetched.get(timeout=min(CHECK_EVERY, MAX_WAIT))
+            if self._client.status != "running":
+                raise self._lost(None)
+            self._ask()
+            what = ""
+            if time.monotonic() > max(self._answered, begin) + SILENCE:
+                what = "the scheduler does not answer; the race waits for it"
+            elif self._answered > begin and not self._n_threads:
+                what = "no worker is connected; the race waits for one"
+            if what and self._is_stopping:
+                return None
+            if what and what != announced:
+                self._announce(f"{self._scheduler}: {what}")
+            announced = what
+
+    def _is_a_worker_fit(self, packed: bytes) -> bool:
+        """Whether a worker survives loading the function; False if the executor stops before that is known.
+
+        Raises:
+            WorkerUnfit: Workers die of it.
+        """
+        fetched: _Fetched = queue.SimpleQueue()
+        self._submit(fetched, check_worker, packed)
+        ended = self._next(fetched)
+        if ended is not None and ended[1] is None:
+            raise WorkerUnfit(f"{self._scheduler}: {DIES}")
+        return ended is not None
+
+    def _ask(self) -> None:
+        """Ask the scheduler for the number of its workers' threads, unless it was asked just now; do not wait."""
+        if self._is_asking or time.monotonic() < self._asked + CHECK_EVERY:
+            return
+        self._asked, self._is_asking = time.monotonic(), True
+        with contextlib.suppress(RuntimeError):  # the client is closed
+            self._client.loop.add_callback(self._count)
+
+    async def _count(self) -> None:
+        """In the event loop: take the answer."""
         try:
-            found: tuple[list[Any], float] = future.result()
-        except KilledWorker:
-            return None, 0.0
-        except WorkerUnfit:
-            raise
-        except Exception as error:  # noqa: BLE001 - an error in Dask itself
-            return [Failed(f"{type(error).__name__}: {str(error).partition(chr(10))[0]:.300}")] * n, 0.0
-        else:
-            return found
+            self._n_threads = sum(map(int, (await self._client.nthreads()).values()))
+            self._answered = time.monotonic()
+        except Exception:  # noqa: BLE001, S110 - `_wait` reports it, when it lasts
+            pass
         finally:
-            future.release()
+            self._is_asking = False
+
+    def _lost(self, error: BaseException | None) -> ExecutorLost:
+        reason = getattr(error, "reason", "") or (described(error) if error else f"client {self._client.status}")
+        return ExecutorLost(
+            f"{self._scheduler}: lost the Dask cluster ({reason}); running experiments are not recorded"
+        )
+
+
+async def _fetch(future: Any, fetched: _Fetched) -> None:  # noqa: ANN401 - Dask's
+    """In the event loop: wait for a future, fetch its result, and put both into a queue."""
+    try:
+        found = await future
+    except BaseException as error:  # noqa: BLE001 - also that it was cancelled
+        found = error
+    fetched.put((future, found))
 
 
 def _call_all(packed: bytes, items: Sequence[Any], topic: str) -> tuple[list[Any], float]:

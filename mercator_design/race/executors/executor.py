@@ -48,6 +48,12 @@ class WorkerUnfit(RaceError):  # noqa: N818 - as `Failed`, it says what happened
     """A worker cannot run its function. It is not a failure of the experiment, so it always stops the race."""
 
 
+class ExecutorLost(RaceError):  # noqa: N818 - as `Failed`, it says what happened
+    """An executor has lost its workers. It is not a failure of an experiment; the race can be resumed."""
+
+    exit_code = os.EX_TEMPFAIL
+
+
 class ExecutorStopped(Exception):  # noqa: N818 - nothing is wrong
     """Experiments were stopped on request; the finished ones of a race are recorded."""
 
@@ -79,7 +85,8 @@ class Executor(Protocol):
         call of `run` yields nothing of this one.
 
         Raises:
-            WorkerUnfit: A worker has no such function, or another version of it.
+            WorkerUnfit: A worker has no such function, or another version of it, or dies as it loads it.
+            ExecutorLost: The workers cannot be reached any longer.
         """
 
 
@@ -186,15 +193,32 @@ def call_packed(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - the function
     Raises:
         WorkerUnfit: The function cannot be loaded here.
     """
+    result = attempt(load_packed(packed), item)
     try:
-        function = _unpacked(packed)
+        pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
+    except BaseException as error:  # noqa: BLE001 - other people's classes fail in many ways here
+        result = Failed(result.reason if isinstance(result, Failed) else described(error))
+    return result
+
+
+def load_packed(packed: bytes) -> Callable[[Any], Any]:
+    """In a worker: load a function.
+
+    Raises:
+        WorkerUnfit: It cannot be loaded here.
+    """
+    try:
+        return _unpacked(packed)
     except BaseException as error:  # noqa: BLE001 - for example a missing package; also sys.exit()
         where = f"process {os.getpid()} on {socket.gethostname()}"
         raise WorkerUnfit(f"a worker ({where}) cannot run this race: {described(error)}") from None
-    result = attempt(function, item)
-    if isinstance(result, Failed):
-        try:
-            pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
-        except BaseException:  # noqa: BLE001 - exceptions of other people's classes fail in many ways here
-            result = Failed(result.reason)
-    return result
+
+
+def check_worker(packed: bytes) -> bool:
+    """In a worker: do nothing but load a function, to see whether the worker survives that."""
+    load_packed(packed)
+    return True
+
+
+DIES = "workers die before they have run anything; see what their machine says of them"
+"""The message of a `WorkerUnfit` after `check_worker`."""

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from mercator_design.errors import described
 from mercator_design.race.executors.compiling import CompilingWorkers, noting
-from mercator_design.race.executors.executor import MAX_WAIT, Failed, WorkerUnfit, call_packed, checked_jobs
+from mercator_design.race.executors.executor import (
+    DIES,
+    MAX_WAIT,
+    Failed,
+    WorkerUnfit,
+    call_packed,
+    check_worker,
+    checked_jobs,
+)
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -50,7 +58,8 @@ class _Job(Generic[T]):
 class ProcessExecutor:
     """Worker processes (joblib's loky). Each runs one experiment at a time, so the cause of its death is known.
 
-    If a worker dies, its experiment runs again, and fails after `MAX_DEATHS`. If an experiment takes longer than
+    If a worker dies, its experiment runs again, and fails after `MAX_DEATHS`, unless the next worker dies before it
+    runs anything: then the experiment is not the cause. If an experiment takes longer than
     `timeout` seconds, its worker is killed; the experiment runs again, and fails after `MAX_TIMEOUTS`. Other
     experiments are not affected.
 
@@ -110,7 +119,7 @@ class ProcessExecutor:
         while True:
             while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
                 place, begin = idle.pop(), self._clock()  # before the hand-out: the worker may begin during it
-                future = self._submit(place, packed, job.item)
+                future = self._submit(place, _call, packed, job.item)
                 if self._timeout is not None:
                     job.deadline = begin + self._timeout + START * (place in self._new)
                 running[future] = place, job
@@ -128,19 +137,33 @@ class ProcessExecutor:
                 else:
                     self._new.discard(place)
                 idle.append(place)
+                if job.deaths == MAX_DEATHS:
+                    self._check(place, packed)
                 if result is None:
                     retries.append(job)
                 else:
                     yield job.index, result
 
-    def _submit(self, place: int, packed: bytes, item: T) -> "Future[Any]":
+    def _submit(self, place: int, function: Callable[..., object], *arguments: object) -> "Future[Any]":
         future: Future[Any]
         try:
-            future = self._workers[place].submit(_call, packed, item)
+            future = self._workers[place].submit(function, *arguments)
         except BrokenExecutor:  # its process died while it was idle
             self._replace(place)
-            future = self._workers[place].submit(_call, packed, item)
+            future = self._workers[place].submit(function, *arguments)
         return future
+
+    def _check(self, place: int, packed: bytes) -> None:
+        """Check that a new worker survives loading the function.
+
+        Raises:
+            WorkerUnfit: It does not, or it cannot load it.
+        """
+        (future,) = self._done([self._submit(place, check_worker, packed)], float("inf"))
+        if isinstance(error := future.exception(), BrokenExecutor):
+            raise WorkerUnfit(f"{DIES}: {str(error).partition(chr(10))[0]:.200}")
+        if error is not None:
+            raise error
 
     def _replace(self, place: int) -> None:
         """Put a new worker in the place of one that is dead or too slow."""

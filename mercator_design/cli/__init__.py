@@ -54,6 +54,6 @@ def cli() -> None:
 
     \b
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 invalid mission or FSM,
-    75 terminated (resume the race), 130 interrupted, 141 the output was
-    not read to its end.
+    75 terminated, or the Dask cluster was lost (resume the race),
+    130 interrupted, 141 the output was not read to its end.
     """  # noqa: D301 - click reads the control character

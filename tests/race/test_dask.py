@@ -185,7 +185,7 @@ class TestLoss:
 
     def test_what_dask_itself_cannot_run_is_not_one_either(self, cluster, monkeypatch):
         monkeypatch.setattr(dask, "_call_all", Refused())
-        unfit = pytest.raises(WorkerUnfit, match="the scheduler or a worker cannot run this race: .*another version")
+        unfit = pytest.raises(WorkerUnfit, match=r"the scheduler or a worker cannot run this race: .*another version")
         with DaskExecutor(cluster.scheduler_address) as executor, unfit:
             list(executor.run(square, range(3)))
 

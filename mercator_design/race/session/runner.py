@@ -61,7 +61,7 @@ class RaceRun(Generic[T]):
 
     Iterating raises:
         RaceError: The record is of another race or cannot be written, or all configurations were rejected.
-        ExperimentFailed: see `on_failure`.
+        ExperimentFailed, ExecutorLost, WorkerUnfit: see `on_failure`; the last two, of `Executor.run`, do not obey it.
         ExecutorStopped: see `stopped`; running experiments have finished and are recorded.
     """
 

@@ -89,13 +89,25 @@ def main() -> int:
                 record = read(folder / JOURNAL).record
                 found = record.ends[-1].winner, record.digest()
                 n_failed = sum(bool(one.failure) for one in record.experiments.values())
-                same = found == expected and not n_failed and code == LOST and "Traceback" not in told
-                n_different += not same
+                wrong = [
+                    word
+                    for word, is_so in (
+                        ("other winner", found[0] != expected[0]),
+                        ("other experiments", found[1] != expected[1]),
+                        ("other exit code", code != LOST),
+                        ("traceback", "Traceback" in told),
+                        ("failures", n_failed > 0),
+                    )
+                    if is_so
+                ]
+                n_different += bool(wrong)
                 print(
                     f"{on_failure:6}  killed at {point:5}: exit code {code}, {kept:5} experiments kept, "
-                    f"{n_failed} failed; resumed: winner {found[0]}{'' if same else '  DIFFERENT'}",
+                    f"{n_failed} failed; resumed: winner {found[0]}  {', '.join(wrong) or 'the same'}",
                     flush=True,
                 )
+                if wrong:
+                    print(told, flush=True)
     return int(n_different > 0)
 
 

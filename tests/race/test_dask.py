@@ -12,9 +12,10 @@ import threading
 import time
 from pathlib import Path
 
+import click
 import pytest
 
-from mercator_design.cli.races.race import _executor
+from mercator_design.cli.races.race import _executor, race
 from mercator_design.errors import RaceError
 from mercator_design.race.executors import dask
 from mercator_design.race.executors.dask import DaskExecutor
@@ -236,6 +237,7 @@ def test_dask_logs_nothing(monkeypatch):
         monkeypatch.setattr(logger, "level", logging.WARNING)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster,
+        click.Context(race),
         _executor("dask", None, cluster.scheduler_address, None),
     ):
         assert not any(logger.isEnabledFor(logging.ERROR) for logger in loggers)

@@ -58,8 +58,8 @@ class DaskExecutor:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
         jobs: Number of experiments to submit at a time; by default twice the number of the workers' threads.
         timeout: Seconds to wait for the scheduler.
-        announce: Called with a message when experiments wait for a worker or for the scheduler, and when workers compile;
-            perhaps in another thread.
+        announce: Called with a message when experiments wait for a worker or for the scheduler, and when workers
+            compile; perhaps in another thread.
 
     Raises:
         RaceError: The package distributed is not installed, or there is no such scheduler.

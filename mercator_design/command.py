@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TextIO
 import click
 
 from mercator_design.config import spelling
-from mercator_design.errors import FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
+from mercator_design.errors import ITEM, FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.fsm.files import FsmFile, read_fsm, read_fsms
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.system import address_space
@@ -154,9 +154,11 @@ def print_note(note: str) -> None:
 def print_error(error: MercatorError) -> None:
     """Print each mistake in a line of its own, and the notes of the error with the last one."""
     *others, last = error.messages
-    for message in others:
-        print_message(f"Error: {message}")
-    print_message(f"Error: {'; '.join([last, *getattr(error, '__notes__', ())])}")
+    for message in (*others, "; ".join([last, *getattr(error, "__notes__", ())])):
+        first, *items = message.split(ITEM)
+        print_message(f"Error: {first}")
+        for item in items:
+            print_message(f"{ITEM}{item}")
 
 
 class Spelled(click.Choice):  # type: ignore[type-arg]  # has no argument in click before 8.2

@@ -18,6 +18,9 @@ Messages quote names, paths and texts of untrusted files: `printable` escapes wh
 
 import errno
 
+ITEM = "  - "
+"""Begins an item of a list in a message; commands print each item on a line of its own."""
+
 
 def printable(text: str) -> str:
     """A text in one line, with control and invisible characters escaped."""

@@ -1,22 +1,27 @@
 """mdesign validate: checks files."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
 from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import PLUGIN
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_result, read_controller, warn
+from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_note, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.missions.plugins import is_ours
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+
+_TRIED = 100  # cycles in which functions of plugins are tried
 
 
 @click.command()
@@ -28,8 +33,9 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
     """Check missions, robot models and FSM files.
 
     Missions, robot models and fsm.yaml are *.yaml, *.yml and names of shipped missions and robot models; all others are
-    fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. Prints a line
-    for each file. The exit code is 3 if any file is invalid.
+    fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. An objective or
+    floor dynamic of a plugin is tried on the first 100 cycles of an experiment with robots that stand still. Prints a
+    line for each file. The exit code is 3 if any file is invalid.
     """
     invalid = False
     for file in files:
@@ -68,10 +74,17 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         warn_of_mission(simulator, refuse=True)
         model = simulator.robot_model
         warn(*model_warnings(model), *swarm_warnings(mission, model), *floor_warnings(mission, model))
+        if not all(map(is_ours, _functions(mission))):
+            simulator.rehearse(print_note, min(mission.cycles, _TRIED))
         dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
         never = f"; never fires there: {dead}" if dead else ""
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"
     return _described(file, flavour, lenient)
+
+
+def _functions(mission: Mission) -> list[Callable[..., Any]]:
+    """The functions of its objective and dynamics."""
+    return [one.function for one in (mission.objective, *mission.floor.dynamics)]
 
 
 def _described(file: Path, flavour: str | None, lenient: bool) -> str:

@@ -235,7 +235,7 @@ def _record(node: Node, kind: Kind, path_to: NodePath | None) -> Any:  # noqa: A
     else:
         field, rule = keywords
         fields = {name: entry for name, entry in fields.items() if name != field}
-        word, node = _tagged(node, rule.key, rule.functions, fields, path_to, wrong)
+        word, node = _tagged(node, rule.key, rule.functions, fields, path_to, wrong, rule.items)
         if not word:  # without it the other keys cannot be read
             del fields[rule.key]
             _entries(node, fields, holders, path_to, wrong, complete=False)
@@ -304,7 +304,13 @@ def _entries(
 
 
 def _tagged(
-    node: Node, key: str, words: Collection[str], keys: Collection[str], path_to: NodePath | None, wrong: _Mistakes
+    node: Node,
+    key: str,
+    words: Collection[str],
+    keys: Collection[str],
+    path_to: NodePath | None,
+    wrong: _Mistakes,
+    items: str = "",
 ) -> tuple[str, Node]:
     """The word of a mapping's tag, and the mapping.
 
@@ -316,7 +322,7 @@ def _tagged(
         unknown = [word for word in node.content if spelling.find(word, keys) is None]
         spelt = next((word for word in unknown if spelling.nearest(word, keys) == key), "")
         if not spelt:
-            wrong.note(message(node, NodePath(path_to, key), f"missing key; {expected}"))
+            wrong.note(message(node, NodePath(path_to, key), f"missing key; {expected}{items}"))
             return "", node
         wrong.note(message(node.content[spelt], NodePath(path_to, spelt), f"unknown key; did you mean '{key}'?"))
     item = node.content[spelt]
@@ -325,7 +331,9 @@ def _tagged(
     if item.content is None:  # which is reported already
         wrong.note()
     elif word is None:
-        wrong.note(message(item, NodePath(path_to, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}"))
+        wrong.note(
+            message(item, NodePath(path_to, key), f"{expected}, found {item.found}{_did_you_mean(item, words)}{items}")
+        )
     word = word or spelling.nearest(text, words)
     item = dataclasses.replace(item, content=word or item.content)
     content = {key if each == spelt else each: item if each == spelt else node.content[each] for each in node.content}

@@ -15,6 +15,7 @@ from typing import TypeAlias, TypeVar
 import yaml
 
 from mercator_design.config import schema
+from mercator_design.config.annotations import check_annotation
 from mercator_design.config.building import NodePath, build, message
 from mercator_design.config.schema import Kind
 from mercator_design.config.writing import Dumper, plain
@@ -151,7 +152,7 @@ def check_parameter(kind: Kind, default: object = dataclasses.MISSING) -> None:
     Raises:
         TypeError: with the mistake.
     """
-    schema.check_annotation(kind)
+    check_annotation(kind)
     if default is dataclasses.MISSING:
         return
     try:

@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Protocol, TypeAlias, Union
 
+from mercator_design.errors import ITEM
+
 Kind: TypeAlias = Any
 """An annotation: a type, a union, Annotated, Literal, tuple[...], Mapping[...]."""
 
@@ -166,11 +168,19 @@ class Radians:
 class KeywordsOf:
     """Marks a field of type Mapping that has the keyword-only arguments of the function that the field `key` names.
 
-    In the file they are keys beside `key`, and are read by the annotations of `functions[name]`.
+    In the file they are keys beside `key`, and are read by the annotations of `functions[name]`. If no function has the
+    name, the error has the first sentence of each one's docstring, and `others`, which says where more come from.
     """
 
     functions: Mapping[str, Callable[..., Any]]
     key: str
+    others: str = ""
+
+    @property
+    def items(self) -> str:
+        """The functions with their sentences and `others`, as items of a message; empty without `others`."""
+        lines = [f"{name}: {sentence_of(function)}" for name, function in self.functions.items()]
+        return "".join(f"{ITEM}{line.removesuffix(': ')}" for line in [*lines, self.others]) if self.others else ""
 
 
 Positive = Annotated[float, Range(0.0, exclusive_low=True)]
@@ -239,37 +249,15 @@ def comments_of(described: Callable[..., Any]) -> dict[str, str]:
     return found
 
 
+def sentence_of(described: Callable[..., Any]) -> str:
+    """The first sentence of a docstring; empty if there is none."""
+    return re.split(r"\.(?:\s|$)", " ".join((inspect.getdoc(described) or "").split()), maxsplit=1)[0]
+
+
 def unit_of(described: Callable[..., Any], name: str) -> str:
     """The unit in the comment behind a field or parameter, such as "m/s"; empty if it begins with none."""
     unit = re.match(r"\[([^\]]+)\]", comments_of(described).get(name, ""))
     return unit[1] if unit else ""
-
-
-def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
-    """Make sure that config/loading.py understands an annotation, which may be part of some records.
-
-    Raises:
-        TypeError: naming the part that it does not understand, and the supported ones.
-    """
-    base, _ = unwrapped(kind)
-    parts = typing.get_args(base)
-    if is_union(base):
-        records = [each for each in parts if is_record(each)]
-        if len(records) > 1:
-            tags(records)
-    elif is_record(base):
-        parts = () if base in within else tuple(annotation for annotation, _ in fields_of(base).values())
-        within = (*within, base)
-    elif origin_of(base) is Literal:
-        parts = ()
-    elif not (origin_of(base) in {tuple, Mapping} and parts) and not any(base is each for each in _NOUNS):
-        raise TypeError(
-            f"{inspect.formatannotation(base)} cannot be written in YAML; supported are float, int, bool, str, None, "
-            "Literal[...], tuple[...], Mapping[..., ...] of these, dataclasses, NamedTuples, and | between them"
-        )
-    for part in parts:
-        if part is not Ellipsis:
-            check_annotation(part, within)
 
 
 def values_in(
@@ -367,7 +355,7 @@ def one_of(names: list[str]) -> str:
     return f"one of {', '.join(names)}" if len(names) > 1 else names[0]
 
 
-_NOUNS = {
+NOUNS = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
@@ -389,7 +377,7 @@ def describe(kind: Kind) -> str:
     elif origin is Literal:
         text = one_of(words(base))
     else:
-        text = _NOUNS.get(base, "a mapping of keys")
+        text = NOUNS.get(base, "a mapping of keys")
     lengths = [rule for rule in rules if isinstance(rule, Length)]
     if lengths:  # as one: the tightest
         rules = [rule for rule in rules if not isinstance(rule, Length)]

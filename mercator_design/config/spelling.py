@@ -13,6 +13,27 @@ _PAIRS = (
     ("behaviour", "behavior"),
 )
 
+_SYNONYMS = {
+    "circle": ("disc", "regular_polygon"),
+    "disk": ("disc", "regular_polygon"),
+    "round": ("disc", "regular_polygon"),
+    "square": ("rectangle", "regular_polygon"),
+    "rectangle": ("polygon",),
+    "box": ("rectangle", "polygon"),
+    "annulus": ("ring",),
+    "donut": ("ring",),
+    "triangle": ("regular_polygon", "polygon"),
+    "hexagon": ("regular_polygon", "polygon"),
+    "octagon": ("regular_polygon", "polygon"),
+    "dodecagon": ("regular_polygon", "polygon"),
+    "grid": ("tiles",),
+    "checkerboard": ("tiles",),
+    "half": ("half_plane",),
+    "points": ("poses",),
+    "fixed": ("poses",),
+}
+"""Other words for what has a name in missions: the first known one is meant."""
+
 
 def find(word: str, known: Collection[str]) -> str | None:
     """The known word that equals a word in either spelling; the exact spelling is preferred."""
@@ -23,8 +44,9 @@ def find(word: str, known: Collection[str]) -> str | None:
 
 
 def nearest(word: str, known: Collection[str]) -> str:
-    """The known word that is most similar to a word; empty if none is."""
-    return next(iter(difflib.get_close_matches(word[:100], known, n=1)), "")
+    """The known word that means the same as a word, or is most similar to it; empty if none is."""
+    meant = [each for each in _SYNONYMS.get(word.lower(), ()) if each in known]
+    return meant[0] if meant else next(iter(difflib.get_close_matches(word[:100], known, n=1)), "")
 
 
 def folded(word: str) -> str:

@@ -24,7 +24,7 @@ from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.calls import Call, copied
 from mercator_design.missions.pictures import painted_over, read_picture
-from mercator_design.missions.plugins import DYNAMICS, Site, change_of, first_line
+from mercator_design.missions.plugins import DYNAMICS, OF_A_PLUGIN, Site, change_of, first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))
 
@@ -209,7 +209,7 @@ class Dynamics(Call):
     FUNCTIONS: ClassVar = DYNAMICS
     KIND: ClassVar = "dynamic"
 
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(DYNAMICS, "name")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(DYNAMICS, "name", OF_A_PLUGIN)]
 
     def rows(self, site: Site) -> list[tuple[float, ...]]:
         """The rows of numbers that the dynamic keeps in an instance.

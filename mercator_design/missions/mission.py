@@ -28,13 +28,13 @@ from mercator_design.config.schema import (
 )
 from mercator_design.config.writing import digest_of, plain
 from mercator_design.config.yaml_tree import FromFile
-from mercator_design.errors import MercatorError, MissionError
+from mercator_design.errors import MercatorError, MissionError, excerpt
 from mercator_design.missions.arena import Arena, Light, walls_meet
 from mercator_design.missions.calls import Call, NamedFile, copied
 from mercator_design.missions.floor import Floor, FloorTable
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import first_line
+from mercator_design.missions.plugins import OF_A_PLUGIN, first_line
 from mercator_design.missions.trace import Trace
 from mercator_design.scores import EXPECTED, is_score
 
@@ -50,7 +50,7 @@ class Objective(Call):
     KIND: ClassVar = "objective"
 
     direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name", OF_A_PLUGIN)]
 
     def __post_init__(self) -> None:
         Call.__post_init__(self)
@@ -64,10 +64,14 @@ class Objective(Call):
             MissionError: if the function fails, or its value is not a score.
         """
         with self.reporting(MissionError, MercatorError):
-            score = float(self.function(trace, **self.with_paths(copied)))
-        if not is_score(score):
-            raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {score}")
-        return score
+            found = self.function(trace, **self.with_paths(copied))
+        if not isinstance(found, (int, float, np.integer, np.floating, np.bool_)):
+            what = f"{excerpt(repr(found))} of type {type(found).__name__}"
+        elif is_score(found):
+            return float(found)
+        else:
+            what = excerpt(str(found))
+        raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {what}")
 
 
 def _whole_cycles(duration: float, control_period: float) -> Iterator[FieldError]:

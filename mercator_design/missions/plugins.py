@@ -38,6 +38,9 @@ DYNAMICS: dict[str, Rows] = {}
 CHANGES: list[Change] = []
 """The kernels of DYNAMICS."""
 
+OF_A_PLUGIN = "one of a plugin: give its file with --plugin FILE.py, or call load_plugin(FILE) first"
+"""The last item of a list of objectives or dynamics."""
+
 _PACKAGE = Path(__file__).parents[1]
 _PLAIN = inspect.Parameter.POSITIONAL_OR_KEYWORD
 

@@ -151,6 +151,11 @@ class Facts:
         return to_pfsm(self.record.configurations[configuration], self.start["flavour"])
 
     @property
+    def parts(self) -> str:
+        """What a configuration consists of."""
+        return "modules" if self.start["task"] == "mission" else "parameters"
+
+    @property
     def score_name(self) -> str:
         """The name of the axis of scores."""
         if self.mission is not None:

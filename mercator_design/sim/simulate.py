@@ -140,21 +140,23 @@ class Simulator:
         history = new_history(cycles, self.mission.robots, everything=everything)
         return PreparedExperiment(self.mission, seed, self.instance(seed), program, history)
 
-    def rehearse(self, announce: Callable[[str], None]) -> Recording:
-        """Run one cycle of one experiment: check that the robots fit, and compile what is not compiled yet.
+    def rehearse(self, announce: Callable[[str], None], cycles: int = 1) -> Recording:
+        """Run the first cycles of an experiment: check that the robots fit, and compile what is not compiled yet.
 
         Args:
             announce: Called with a message if there is something to compile.
+            cycles: How many.
 
         Returns:
-            The recording of that cycle.
+            The recording of these cycles.
 
         Raises:
-            MissionError: if the robots do not fit, or a plugin's kernel is not of the subset that can be compiled.
+            MissionError: if the robots do not fit, a plugin's kernel is not of the subset that can be compiled, or the
+                objective has no score for these cycles.
         """
         with announced(lambda: announce(compiling("the simulator"))):
             self.check_placement()
-            prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), 1, everything=True)
+            prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), cycles, everything=True)
             prepared.run()
             return prepared.outcome().recording
 

@@ -11,6 +11,7 @@ from PIL import Image as Pillow
 from mercator_design import seeds
 from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
+from mercator_design.errors import MissionError
 from mercator_design.missions.floor import (
     Disc,
     Floor,
@@ -23,6 +24,7 @@ from mercator_design.missions.floor import (
     rgb,
 )
 from mercator_design.missions.floor_kernels import colour_at, colours_at, zone_at, zone_contains
+from mercator_design.missions.mission import load_mission
 from mercator_design.missions.pictures import MAX_PIXELS
 from mercator_design.missions.trace import Trace
 
@@ -299,3 +301,25 @@ def test_points_may_come_in_any_arrangement():
     assert np.array_equal(trace.inside(("disc",), "end"), within[-1:])
     assert not trace.inside(("nothing",), "always").any()
     assert np.array_equal(trace.colors("always")[..., 1] == 0.0, within)
+
+
+@pytest.mark.parametrize(
+    ("key", "shape", "meant"),
+    [
+        ("floor.zones[0].shape", "circle", "disc"),
+        ("floor.zones[0].shape", "Circle", "disc"),
+        ("floor.zones[0].shape", "square", "rectangle"),
+        ("floor.zones[0].shape", "box", "rectangle"),
+        ("floor.zones[0].shape", "annulus", "ring"),
+        ("floor.zones[0].shape", "grid", "tiles"),
+        ("placement.shape", "circle", "disc"),
+        ("placement.shape", "square", "rectangle"),
+        ("arena.walls.shape", "rectangle", "polygon"),
+        ("arena.walls.shape", "square", "regular_polygon"),
+        ("arena.walls.shape", "circle", "regular_polygon"),
+    ],
+)
+def test_other_words_for_shapes_are_pointed_at(key, shape, meant):
+    with pytest.raises(MissionError) as found:
+        load_mission("aggregation", [f"{key}={shape}"])
+    assert f"found \"{shape}\"; did you mean '{meant}'?" in str(found.value)

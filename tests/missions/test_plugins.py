@@ -231,13 +231,34 @@ class TestLoading:
     @pytest.mark.parametrize(
         ("annotation", "message"),
         [
-            ("list[float]", "list[float] cannot be written in YAML; supported are float, int, bool, str, None, Lit"),
-            ("'dict[str, float]'", "dict[str, float] cannot be written in YAML"),
-            ("tuple", "tuple cannot be written in YAML"),
-            ("tuple[complex, ...]", "complex cannot be written in YAML"),
-            ("Mapping[str, set[int]]", "set[int] cannot be written in YAML"),
+            ("list[float]", "list[float] cannot be written in YAML; use tuple[float, ...]; supported are float, int, "),
+            ("list[str]", "list[str] cannot be written in YAML; use tuple[str, ...]; supported"),
+            ("list", "list cannot be written in YAML; use tuple[float, ...]; supported"),
+            ("list[float] | None", "list[float] cannot be written in YAML; use tuple[float, ...]; supported"),
+            ("Optional[set[str]]", "set[str] cannot be written in YAML; use tuple[str, ...]; supported"),
+            ("Sequence[Literal['a']]", "YAML; use tuple[Literal['a'], ...]; supported"),
+            ("frozenset", "frozenset cannot be written in YAML; use tuple[float, ...]; supported"),
+            (
+                "'dict[str, float]'",
+                "dict[str, float] cannot be written in YAML; use Mapping[str, float] of collections.abc;",
+            ),
+            ("dict", "dict cannot be written in YAML; use Mapping[str, float] of collections.abc; supported"),
+            ("tuple", "tuple cannot be written in YAML; use tuple[float, ...]; supported"),
+            ("tuple[complex, ...]", "complex cannot be written in YAML; use tuple[float, float]; supported"),
+            ("Mapping[str, set[int]]", "set[int] cannot be written in YAML; use tuple[int, ...]; supported"),
+            ("np.float64", "float64 cannot be written in YAML; use float; supported"),
+            (
+                "np.ndarray",
+                "ndarray cannot be written in YAML; use tuple[float, ...], and numpy.array(...) in the function",
+            ),
+            (
+                "Path",
+                "Path cannot be written in YAML; use Annotated[str, FilePath()] of mercator_design.config.schema;",
+            ),
+            ("Any", "Any cannot be written in YAML; use object; supported"),
+            ("Size", "Size cannot be written in YAML; use Literal['s', 'm']; supported"),
             ("Annotated[complex, 'a thing']", "complex cannot be written in YAML"),
-            ("float | bytes", "bytes cannot be written in YAML"),
+            ("float | bytes", "bytes cannot be written in YAML; supported"),
             ("[float]", "[<class 'float'>] cannot be written in YAML"),
             ("Bag", "np.ndarray cannot be written in YAML"),
             ("tuple[Bag | Sack, ...]", "Bag and Sack cannot be distinguished"),
@@ -250,19 +271,22 @@ class TestLoading:
     def test_a_parameter_that_no_mission_could_say(self, write, annotation, message):
         text = (
             "from dataclasses import dataclass\n"
-            "from typing import Annotated, Literal, Mapping\n"
+            "from enum import Enum\n"
+            "from pathlib import Path\n"
+            "from typing import Annotated, Any, Literal, Mapping, Optional, Sequence\n"
             "import numpy as np\n"
             "from mercator_design.missions.plugins import objective\n"
             "@dataclass\n"
             "class Bag:\n"
             "    content: 'np.ndarray'\n"
             "class Sack(Bag): pass\n"
+            "Size = Enum('Size', {'SMALL': 's', 'MIDDLE': 'm'})\n"
             "@objective\n"
             f"def heaviest(trace, *, limit: {annotation}): ...\n"
         )
         with pytest.raises(MissionError) as error:
             load_plugin(write(text))
-        assert "my.py:9: a plugin that cannot be run: ValueError: heaviest: parameter limit: " in str(error.value)
+        assert "my.py:12: a plugin that cannot be run: ValueError: heaviest: parameter limit: " in str(error.value)
         assert message.replace("np.ndarray", "numpy.ndarray") in str(error.value)
 
     def test_all_that_a_parameter_may_be(self, write):
@@ -518,6 +542,65 @@ def test_references_to_zones_are_found_wherever_they_are():
     assert list(found.zones()) == [("signal", "a"), ("places.black", "b"), ("places.white", "c")]
     none = Objective(name="cell_age", direction="minimise", parameters={"side": 1.0, "cells": 2})
     assert list(none.zones()) == []
+
+
+@pytest.mark.usefixtures("registries")
+class TestValidation:
+    """An objective of a plugin is tried before a race is."""
+
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ("return float('nan')", "my.py:4: objective mine: expected a score from -1e+100 to 1e+100, found nan"),
+            ("return None", "found None of type NoneType"),
+            ("return '3'", "found '3' of type str"),
+            ("return trace.final_positions", "of type ndarray"),
+            ("return 1j", "found 1j of type complex"),
+            ("return 1 / 0", "my.py:6: objective mine: ZeroDivisionError: division by zero"),
+            ("return trace.speed", "my.py:6: objective mine: AttributeError: 'Trace' object has no attribute 'speed'"),
+            ("return trace.inside(('nest',), 'end').sum()", "my.py:6: objective mine: KeyError: 'nest'"),
+            ("return 1.0 if trace.cycles < 2 else 10 ** 400", "my.py:"),
+        ],
+    )
+    def test_what_fails_is_reported_with_its_line(self, mdesign, write, tmp_path, body, message):
+        text = f"from mercator_design.missions.plugins import objective\n\n\n@objective\ndef mine(trace):\n    {body}\n"
+        mission = tmp_path / "m.yaml"
+        mission.write_text(dump(load_mission("aggregation", ["duration=2"])))
+        changed = yaml.safe_load(mission.read_text()) | {"objective": {"name": "mine", "direction": "maximise"}}
+        mission.write_text(yaml.safe_dump(changed))
+        code, out, err = mdesign("validate", "--plugin", write(text), mission)
+        assert (code, out) == (3, "")
+        assert message in err
+        assert "Traceback" not in err
+
+    @pytest.mark.parametrize("body", ["2", "True", "trace.poses.sum()", "trace.states.sum()"])
+    def test_numbers_are_scores(self, mdesign, write, tmp_path, body):
+        text = f"from mercator_design.missions.plugins import objective\n@objective\ndef mine(trace): return {body}\n"
+        mission = tmp_path / "m.yaml"
+        mission.write_text(dump(load_mission("aggregation", ["duration=2"])))
+        changed = yaml.safe_load(mission.read_text()) | {"objective": {"name": "mine", "direction": "maximise"}}
+        mission.write_text(yaml.safe_dump(changed))
+        code, out, _ = mdesign("validate", "--plugin", write(text), mission)
+        assert (code, out.startswith(f"{mission}: valid mission")) == (0, True)
+
+    def test_an_unknown_objective_is_told_what_there_is(self, mdesign, tmp_path):
+        mission = tmp_path / "m.yaml"
+        text = dump(load_mission("aggregation"))
+        mission.write_text(text.replace("name: robots_in_zone", "name: robots_in_zones"))
+        code, _, err = mdesign("validate", mission)
+        first, *items = err.splitlines()
+        assert code == 3
+        assert first.endswith("found \"robots_in_zones\"; did you mean 'robots_in_zone'?")
+        assert [item.split(":")[0] for item in items] == [
+            *(f"  - {name}" for name in OBJECTIVES),
+            "  - one of a plugin",
+        ]
+        assert all(len(item.partition(": ")[2]) > 15 for item in items)
+        assert "--plugin FILE.py" in items[-1]
+        mission.write_text(text.replace("dynamics: []", "dynamics: [{name: x}]"))
+        code, _, err = mdesign("validate", mission)
+        assert "  - schedule: " in err
+        assert "--plugin FILE.py" in err
 
 
 @pytest.mark.usefixtures("registries")

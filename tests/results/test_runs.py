@@ -950,7 +950,7 @@ def raced(tmp_path_factory, mdesign_once):
 class TestAnalysis:
     def test_importance_of_modules(self, mdesign, raced):
         code, out, err = mdesign("runs", "importance", raced)
-        assert (code, err) == (0, "")
+        assert (code, err) == (0, "Finding what explains the scores ...\n")
         assert "of the variance between new ones can be predicted" in out
         table = pd.read_csv(io.StringIO(mdesign("runs", "importance", raced, "--csv")[1]), index_col="name")
         leading = table.iloc[0]

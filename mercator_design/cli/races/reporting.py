@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from mercator_design.cli.inputs import ignore
 from mercator_design.command import print_note
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.threads import ThreadExecutor
@@ -55,9 +56,15 @@ def write_report(
         ExecutorStopped: see `stopped`.
         MercatorError: There is no race, an experiment failed, or a file cannot be written.
     """
+    announce = print_note if progress != "none" else ignore
+    announce(f"Report: reading the race of {folder} ...")
     facts = Facts.read(folder, task=task)
-    proof, without = _proof(facts, proof_runs, jobs, progress, stopped, is_own=task is not None)
-    page = report_page(facts, run_again(facts, proof), proof, without)
+    proof, without = _proof(facts, proof_runs, jobs, progress, stopped, announce, is_own=task is not None)
+    if facts.view.is_complete and facts.designer is not None:
+        announce("Report: running the winner again, for the replays ...")
+    shown = run_again(facts, proof)
+    announce(f"Report: finding which {facts.parts} explain the scores, and drawing the page ...")
+    page = report_page(facts, shown, proof, without)
     with writing(output):
         write_text(output, page)
 
@@ -79,7 +86,14 @@ def latest_report(folder: Path) -> str:
 
 
 def _proof(
-    facts: Facts, runs: int | None, jobs: int | None, progress: Mode, stopped: Callable[[], bool], *, is_own: bool
+    facts: Facts,
+    runs: int | None,
+    jobs: int | None,
+    progress: Mode,
+    stopped: Callable[[], bool],
+    announce: Callable[[str], None],
+    *,
+    is_own: bool,
 ) -> tuple[Proof | None, str]:
     """The proof of a race that has ended, or why there is none."""
     designer, record = facts.designer, facts.record
@@ -97,6 +111,7 @@ def _proof(
         return known, f"The winner was not compared with others on fresh instances: {error.messages[0]}"
     designer.prepare(print_note)
     runs = runs or default_runs(designer, record)
+    announce(f"Report: running the winner and others on {runs} fresh instance{'s' * (runs != 1)} ...")
     display = Display("report: comparing the winner", 0, progress)
     with ThreadExecutor(jobs) as executor, display:
 

@@ -149,6 +149,7 @@ def verify(directory: Path, number: int, jobs: int | None) -> None:
 @PLUGIN
 def importance(directory: Path, what: str | None, seed: int, as_csv: bool) -> None:
     """Show which modules or parameters explain the scores in the race of DIRECTORY."""
+    print_note("Finding what explains the scores ...")
     task, explanation = race_importance(directory, modules=None if what is None else what == "modules", seed=seed)
     print_result(importance_csv(explanation) if as_csv else importance_page(task, explanation), nl=False)
 

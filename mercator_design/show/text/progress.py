@@ -249,6 +249,7 @@ class RaceDisplay(Display):
         self._view = view
         self._testing = testing
         self._plan = plan
+        self._has_tested = False
         super().__init__(task.name, view.budget, mode, clock=clock)
 
     @property
@@ -268,6 +269,9 @@ class RaceDisplay(Display):
                 n_run = sum(one.used for one in self._view.iterations[: event.iteration])  # there may be more by now
                 self.line.conclude(self._state(text, n_run))
             case TestDone():
+                if not self._has_tested:
+                    self._has_tested = True
+                    self.line.conclude(_State(printable(f"{self._task.name}: testing"), 1, self.n_tests, 0.0))
                 if not self._is_silent():
                     self.show(len(self._view.tests), f"{self._task.name}: testing", self.n_tests)
 

@@ -363,13 +363,13 @@ class TestCommand:
         [(OSError(errno.ENOSPC, "No space left on device"), "No space left"), (KeyError("x"), "KeyError")],
     )
     def test_a_report_that_fails_leaves_the_race(self, mdesign, folder, monkeypatch, error, words):
-        def fail(*_):
+        def fail(*_, **__):
             raise error
 
         monkeypatch.delenv("MDESIGN_NO_REPORT")
         monkeypatch.setattr(reporting, "write_text" if isinstance(error, OSError) else "report_page", fail)
         if isinstance(error, OSError):
-            monkeypatch.setattr(reporting, "report_page", lambda *_: "")
+            monkeypatch.setattr(reporting, "report_page", lambda *_, **__: "")
         code, out, err = mdesign("race", "--resume", folder, "--proof-runs", 0)
         assert code == 0
         assert "Winner" in out
@@ -380,10 +380,25 @@ class TestCommand:
 
     def test_where_it_is(self, mdesign, folder, monkeypatch):
         monkeypatch.delenv("MDESIGN_NO_REPORT")
-        monkeypatch.setattr(reporting, "report_page", lambda *_: "page")
+        monkeypatch.setattr(reporting, "report_page", lambda *_, **__: "page")
         code, out, _ = mdesign("race", "--resume", folder, "--proof-runs", 0)
         assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
         assert (folder / REPORT).read_text() == "page"
+
+    @pytest.mark.usefixtures("quick")
+    def test_each_long_step_is_announced(self, mdesign, folder, monkeypatch):
+        monkeypatch.delenv("MDESIGN_NO_REPORT")
+        steps = [
+            f"Report: reading the race of {folder} ...",
+            "Report: running the winner and others on 1 fresh instance ...",
+            "Report: running the winner again, for the replays ...",
+            "Report: finding which modules explain the scores ...",
+        ]
+        for command in (("race", "--resume", folder), ("report", folder)):
+            (folder / PROOF).unlink(missing_ok=True)
+            err = mdesign(*command, "--proof-runs", 1)[2]
+            assert [line for line in err.splitlines() if line.startswith("Report: ")] == steps
+        assert "Report: " not in mdesign("race", "--resume", folder, "--quiet")[2]
 
     def test_none_if_not_asked_for(self, mdesign, folder):
         assert "Report  " not in mdesign("race", "--resume", folder)[1]

@@ -385,9 +385,10 @@ class TestCommand:
         assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
         assert (folder / REPORT).read_text() == "page"
 
-    @pytest.mark.usefixtures("quick")
     def test_each_long_step_is_announced(self, mdesign, folder, monkeypatch):
         monkeypatch.delenv("MDESIGN_NO_REPORT")
+        for name in ("request", "importance"):  # they take long to draw
+            monkeypatch.setattr(pages, name, lambda facts: "")
         steps = [
             f"Report: reading the race of {folder} ...",
             "Report: running the winner and others on 1 fresh instance ...",

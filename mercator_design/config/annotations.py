@@ -3,18 +3,19 @@
 import collections.abc
 import enum
 import inspect
+import numbers
 import os
 import typing
 from collections.abc import Mapping
 from typing import Literal
 
-import numpy as np
-
 from mercator_design.config import schema
 from mercator_design.config.schema import Kind
 
 _LISTS = (list, set, frozenset, collections.abc.Iterable)
-_NUMBERS = ((np.bool_, "bool"), (np.integer, "int"), (np.floating, "float"), (complex, "tuple[float, float]"))
+_NUMBERS = ((numbers.Integral, "int"), (numbers.Real, "float"), (numbers.Complex, "tuple[float, float]"))
+_ARRAYS = {"ndarray": "tuple[float, ...], and numpy.array(...) in the function", "bool": "bool", "bool_": "bool"}
+"""Of numpy, which robots do not have."""
 
 
 def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
@@ -57,8 +58,8 @@ def _instead_of(base: Kind) -> str:
         return f"use Literal[{words}]; "
     if issubclass(kind, os.PathLike):
         return "use Annotated[str, FilePath()] of mercator_design.config.schema; "
-    if issubclass(kind, np.ndarray):
-        return "use tuple[float, ...], and numpy.array(...) in the function; "
+    if kind.__module__ == "numpy" and kind.__name__ in _ARRAYS:
+        return f"use {_ARRAYS[kind.__name__]}; "
     for number, instead in _NUMBERS:
         if issubclass(kind, number):
             return f"use {instead}; "

@@ -38,6 +38,8 @@ from mercator_design.missions.plugins import OF_A_PLUGIN, first_line
 from mercator_design.missions.trace import Trace
 from mercator_design.scores import EXPECTED, is_score
 
+_NUMBERS: Any = (int, float, np.integer, np.floating, np.bool_)
+"""What an objective may return."""
 _MAX_CYCLES = 10_000_000
 """Robots times cycles: their trace has 250 MB."""
 
@@ -64,13 +66,13 @@ class Objective(Call):
             MissionError: if the function fails, or its value is not a score.
         """
         with self.reporting(MissionError, MercatorError):
-            found = self.function(trace, **self.with_paths(copied))
-        if not isinstance(found, (int, float, np.integer, np.floating, np.bool_)):
-            what = f"{excerpt(repr(found))} of type {type(found).__name__}"
-        elif is_score(found):
-            return float(found)
-        else:
-            what = excerpt(str(found))
+            found: Any = self.function(trace, **self.with_paths(copied))
+            if not isinstance(found, _NUMBERS):
+                what = f"{excerpt(repr(found))} of type {type(found).__name__}"
+            elif is_score(found):
+                return float(found)
+            else:
+                what = excerpt(str(found))
         raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {what}")
 
 

@@ -247,6 +247,8 @@ class TestLoading:
             ("tuple[complex, ...]", "complex cannot be written in YAML; use tuple[float, float]; supported"),
             ("Mapping[str, set[int]]", "set[int] cannot be written in YAML; use tuple[int, ...]; supported"),
             ("np.float64", "float64 cannot be written in YAML; use float; supported"),
+            ("np.bool_", "YAML; use bool; supported"),
+            ("tuple[np.int64, ...]", "int64 cannot be written in YAML; use int; supported"),
             (
                 "np.ndarray",
                 "ndarray cannot be written in YAML; use tuple[float, ...], and numpy.array(...) in the function",

@@ -393,7 +393,7 @@ class TestCommand:
             f"Report: reading the race of {folder} ...",
             "Report: running the winner and others on 1 fresh instance ...",
             "Report: running the winner again, for the replays ...",
-            "Report: finding which modules explain the scores ...",
+            "Report: finding which modules explain the scores, and drawing the page ...",
         ]
         for command in (("race", "--resume", folder), ("report", folder)):
             (folder / PROOF).unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import pytest
 from mercator_design.race.session.journal import read
 from mercator_design.results.files import JOURNAL
 from mercator_design.results.tables import experiments_table
+from tests.storages import connections_closed
 from tests.test_tune import written
 
 RUNNER = """\
@@ -188,6 +189,7 @@ def test_the_optuna_storage_has_the_scores_that_were_given_last(mdesign, folder,
     for one in record.view.results():
         scores.setdefault(one.configuration, {})[one.instance] = one.score
     for name in ("a", "b"):
-        (study,) = optuna.get_all_study_summaries(f"sqlite:///{tmp_path}/{name}.db")
-        trials = optuna.load_study(study_name=study.study_name, storage=f"sqlite:///{tmp_path}/{name}.db").trials
+        with connections_closed():
+            (study,) = optuna.get_all_study_summaries(f"sqlite:///{tmp_path}/{name}.db")
+            trials = optuna.load_study(study_name=study.study_name, storage=f"sqlite:///{tmp_path}/{name}.db").trials
         assert {trial.number: trial.intermediate_values for trial in trials} == scores

@@ -17,20 +17,15 @@ from mercator_design.race.session.optuna_mirror import OptunaMirror
 from mercator_design.race.session.record import Record
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, runner, undisturbed
+from tests.storages import connections_closed
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 
 
 @pytest.fixture
 def url(tmp_path):
-    """A storage, which here does not wait for the disk."""
-
-    def hasten(connection, _):
-        connection.execute("PRAGMA synchronous=OFF")
-
-    sqlalchemy.event.listen(sqlalchemy.Engine, "connect", hasten)
-    yield f"sqlite:///{tmp_path / 'race.db'}"
-    sqlalchemy.event.remove(sqlalchemy.Engine, "connect", hasten)
+    with connections_closed():
+        yield f"sqlite:///{tmp_path / 'race.db'}"
 
 
 def mirrored(url, record=None, *, budget=60, seed=1, method="irace", race=None, **options):
@@ -78,6 +73,26 @@ def test_the_study_says_what_happened(url):
     assert complaints == []
     assert record.digest() == undisturbed(budgets=(60,)).digest()
     check(url, record)
+
+
+def test_no_connection_is_left(url):
+    opened, closed = [], []
+
+    def opens(connection, _):
+        opened.append(connection)
+
+    def closes(connection, _):
+        closed.append(connection)
+
+    sqlalchemy.event.listen(sqlalchemy.Engine, "connect", opens)
+    sqlalchemy.event.listen(sqlalchemy.Engine, "close", closes)
+    try:
+        mirrored(url)
+    finally:
+        sqlalchemy.event.remove(sqlalchemy.Engine, "connect", opens)
+        sqlalchemy.event.remove(sqlalchemy.Engine, "close", closes)
+    assert opened
+    assert {*map(id, opened)} == {*map(id, closed)}
 
 
 @pytest.mark.parametrize("method", METHODS)

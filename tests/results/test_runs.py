@@ -54,6 +54,7 @@ from mercator_design.show.text.iterations import iterations_table
 from mercator_design.show.text.progress import RaceDisplay
 from tests.processes import LIMIT, started, wait_until
 from tests.race.lines import events_in, journal_of
+from tests.storages import connections_closed
 
 pytestmark = pytest.mark.together
 
@@ -394,9 +395,10 @@ def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
     url = f"sqlite:///{tmp_path / 'race.db'}"
     code, _, err = mdesign("race", "--resume", folder, "--optuna", url)
     assert (code, warnings(err)) == (0, [])
-    [study] = optuna.get_all_study_names(url)
+    with connections_closed():
+        [study] = optuna.get_all_study_names(url)
+        best = optuna.load_study(study_name=study, storage=url).best_trial
     assert study.startswith("aggregation, seed 1, budget 120, ")
-    best = optuna.load_study(study_name=study, storage=url).best_trial
     record = read(undisturbed / JOURNAL).record
     assert best.user_attrs["configuration"] == record.ends[-1].winner
     assert best.params == record.configurations[record.ends[-1].winner]

@@ -9,9 +9,10 @@ Optuna does not influence the race: a separate thread writes. It lags behind if 
 first error.
 """
 
+import contextlib
 import queue
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 from mercator_design.race.methods.optimizer import Optimizer
@@ -94,17 +95,31 @@ class OptunaMirror:
 
     def _write(self, storage: str, name: str, maximise: bool) -> None:
         try:
-            study = _Study(storage, name, self._race, maximise=maximise)
-            while (event := self._events.get()) is not None:
-                event(study)
+            with _connected(storage) as database:
+                study = _Study(database, name, self._race, maximise=maximise)
+                while (event := self._events.get()) is not None:
+                    event(study)
         except Exception as error:  # noqa: BLE001 - a mirror must never stop a race
             self._warn(f"the race is no longer copied to the Optuna storage: {type(error).__name__}: {error!s:.300}")
+
+
+@contextlib.contextmanager
+def _connected(url: str) -> "Iterator[BaseStorage]":
+    """A storage whose connections are closed at the end: Python 3.13 warns of those that are left open."""
+    from optuna.storages import RDBStorage
+
+    database = RDBStorage(url)
+    try:
+        yield database
+    finally:
+        database.remove_session()
+        database.engine.dispose()
 
 
 class _Study:
     """The study, used only by the writing thread."""
 
-    def __init__(self, storage: str, name: str, race: Optimizer, *, maximise: bool) -> None:
+    def __init__(self, storage: "BaseStorage", name: str, race: Optimizer, *, maximise: bool) -> None:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -139,7 +139,7 @@ def test_byte_code_of_another_python_is_not_used(application, python, tmp_path, 
     assert (done.returncode, done.stdout) == (0, f"mercator-robot, version {__version__}\n")
 
 
-COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/kernel_cache")}
+COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/user_folders")}
 
 
 def test_all_that_is_imported_later_is_in_it_too(sources):
@@ -168,7 +168,7 @@ def imported(node):
 def test_what_is_in_it(sources):
     folders = {name.partition("/")[0] for name in sources} - {"_yaml"}  # a name that PyYAML once had
     assert folders == {"__main__.py", "licences", "mercator_design", *NEEDED}
-    for part in ("sim", "race", "missions", "report", "cli", "fleet", "twin"):
+    for part in ("sim", "race", "missions", "results", "show", "cli", "fleet", "twin"):
         assert not [name for name in sources if name.startswith(f"{OURS}{part}")]
     licences = {name: text for name, text in sources.items() if name.startswith("licences/")}
     assert {Path(name).stem for name in licences} == {"click", "mercator-design", "PyYAML", "pyserial"}

@@ -820,7 +820,7 @@ class TestRuns:
         ):
             code, out, err = mdesign(*command)
             assert (code, out) == (1, "")
-            assert err.startswith(f"Error: {old}/")
+            assert err.removeprefix("Finding what explains the scores ...\n").startswith(f"Error: {old}/")
             words = (
                 "method: expected halving, irace, random, tpe, cma-es, found surrogate, a method of another version: "
                 "mercator_design 0.1.0 can read it"

@@ -1,7 +1,10 @@
+import json
+
 import numpy as np
 import pytest
 
 from benchmarks.argos import scores
+from mercator_design.config.writing import plain
 
 
 @pytest.fixture(scope="session")
@@ -18,7 +21,8 @@ def experiments_once(known_experiments):
     def known_columns(seeds, measure, jobs):
         place, pfsm = measure.args
         simulator = getattr(place, "_simulator", place)
-        rows = known_experiments.setdefault((measure.func, repr((simulator.mission, simulator.robot_model)), pfsm), {})
+        settings = json.dumps([plain(simulator.mission), plain(simulator.robot_model)])
+        rows = known_experiments.setdefault((measure.func, settings, pfsm), {})
         if new := [seed for seed in seeds if seed not in rows]:
             found = columns(new, measure, jobs)
             rows |= {seed: {name: found[name][k] for name in found} for k, seed in enumerate(new)}

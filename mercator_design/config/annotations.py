@@ -1,4 +1,4 @@
-"""Whether a file can have a value of an annotation, and what to write instead of one that it cannot have."""
+"""Checks that values of an annotation can be written in a file, and suggests another annotation if not."""
 
 import collections.abc
 import enum
@@ -15,11 +15,11 @@ from mercator_design.config.schema import Kind
 _LISTS = (list, set, frozenset, collections.abc.Iterable)
 _NUMBERS = ((numbers.Integral, "int"), (numbers.Real, "float"), (numbers.Complex, "tuple[float, float]"))
 _ARRAYS = {"ndarray": "tuple[float, ...], and numpy.array(...) in the function", "bool": "bool", "bool_": "bool"}
-"""Of numpy, which robots do not have."""
+"""Suggestions for types of numpy, by their names: robots do not have numpy, so it is not imported here."""
 
 
 def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
-    """Make sure that config/loading.py understands an annotation, which may be part of some records.
+    """Make sure that config/loading.py understands an annotation; `within` are the records that it is part of.
 
     Raises:
         TypeError: naming the part that it does not understand, and the supported ones.
@@ -47,7 +47,7 @@ def check_annotation(kind: Kind, within: tuple[Kind, ...] = ()) -> None:
 
 
 def _instead_of(base: Kind) -> str:
-    """What to write instead of an annotation, before a semicolon; empty if nothing is near."""
+    """Suggestion of another annotation, which ends in a semicolon; empty if none is similar."""
     kind, parts = schema.origin_of(base) or base, [inspect.formatannotation(part) for part in typing.get_args(base)]
     if base is typing.Any:
         return "use object; "

@@ -23,7 +23,7 @@ Holder: TypeAlias = Callable[..., Any]
 
 
 class NodePath(NamedTuple):
-    """How a node is reached from the root: the last step, and the path before it. The root has none."""
+    """The path from the root to a node: the last step, and the path before it. The root has none."""
 
     before: "NodePath | None"
     step: str | int
@@ -71,7 +71,7 @@ def build(node: Node, kind: Kind, path_to: NodePath | None = None) -> Any:  # no
 
 
 def message(node: Node, path_to: NodePath | None, what: str) -> str:
-    """What is wrong with a node, with its place and path."""
+    """The message on a mistake in a node, with its place and path."""
     return ": ".join(str(part) for part in (node.where, path_to, what) if part)
 
 
@@ -120,7 +120,7 @@ def _plain_scalar(text: str, base: Kind) -> Any:  # noqa: ANN401
 
 
 class _Mistakes(list[str]):
-    """The mistakes in the parts of something, in their order; `any` is set even if all are reported already."""
+    """The mistakes in the parts of a node, in their order; `any` is set even if all are reported already."""
 
     any = False
 

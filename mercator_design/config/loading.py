@@ -55,8 +55,8 @@ def read(
         error: The class of errors to raise.
         overrides: Assignments such as `floor.zones[0].radius=0.3`, applied before anything is built.
         defaults: Values of top-level keys that the file may omit.
-        find_base: From the value of the key `base` and the file's folder to the base's file. Keys that a file with a
-            base does not have are taken from the base.
+        find_base: Returns the base's file, given the value of the key `base` and the file's folder. Keys that a
+            file with a base does not have are taken from the base.
 
     Raises:
         error: with file, line, path of the key, what was expected and what was found, for each mistake.

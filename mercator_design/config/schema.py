@@ -25,9 +25,9 @@ Specification: TypeAlias = dict[str, tuple[Kind, Any]]
 
 
 class FieldError(ValueError):
-    """What a dataclass's `__post_init__` raises; `field` is the path from there, as `zones[1].name`.
+    """The error that a dataclass's `__post_init__` raises; `field` is the path from the dataclass, as `zones[1].name`.
 
-    `others` are what else is wrong with the same dataclass.
+    `others` are the other mistakes in the same dataclass.
     """
 
     def __init__(self, field: str, message: str) -> None:
@@ -59,7 +59,7 @@ def check(record: Any) -> None:  # noqa: ANN401 - a dataclass with CHECKS
 
 
 def problems(kind: Kind, values: Mapping[str, Any]) -> "Iterator[FieldError]":
-    """What those CHECKS of a dataclass find that look at no other fields than the given ones."""
+    """The mistakes found by those CHECKS of a dataclass that need only the given fields."""
     for each in getattr(kind, "CHECKS", ()):
         needed = inspect.signature(each).parameters.keys()
         if needed <= values.keys():
@@ -212,7 +212,7 @@ def is_record(kind: Kind) -> bool:
 
 @functools.cache
 def fields_of(kind: Kind) -> Specification:
-    """The fields of a dataclass, but those it fills in itself, or neither shows nor compares, or of a NamedTuple."""
+    """The fields of a NamedTuple or dataclass, except those with init=False, or with both repr and compare False."""
     hints = typing.get_type_hints(kind, include_extras=True)
     if dataclasses.is_dataclass(kind):
         fields = [field for field in dataclasses.fields(kind) if field.init and (field.repr or field.compare)]
@@ -326,7 +326,7 @@ def _is_of(kind: Kind, value: Any) -> bool:  # noqa: ANN401 - of any kind
 
 
 def form(kind: Kind) -> type:
-    """What a value of this kind is in YAML: dict, list or str (any scalar)."""
+    """The form of a value of this kind in YAML: dict, list or str (any scalar)."""
     base, _ = unwrapped(kind)
     if is_record(base) or origin_of(base) is Mapping:
         return dict

@@ -32,7 +32,7 @@ _SYNONYMS = {
     "points": ("poses",),
     "fixed": ("poses",),
 }
-"""Other words for what has a name in missions: the first known one is meant."""
+"""Other words for names in missions, each with the names that it may mean; the first known one is chosen."""
 
 
 def find(word: str, known: Collection[str]) -> str | None:

@@ -232,7 +232,7 @@ def steps(path: str) -> list[str | int]:
 
 
 def clashes(assignments: Sequence[str]) -> list[str]:
-    """The mistakes in values given on the command line: one sets what another sets, or a part of it."""
+    """The conflicts between values given on the command line: two set the same key, or one sets a part of the other."""
     given: dict[tuple[str | int, ...], str] = {}
     mistakes = []
     for assignment in assignments:
@@ -272,7 +272,7 @@ def override(tree: Node, assignment: str) -> None:
 
 
 _TAGS = ("shape", "device", "distribution")
-"""Keys that say what a mapping is. A mapping with another value there replaces the base's completely."""
+"""Keys that name the kind of a mapping. A mapping of another kind replaces the base's completely."""
 
 
 def merge(base: Node, changes: Node) -> Node:

@@ -1,4 +1,4 @@
-"""What the page of a race is made of, read from its run folder; the race may be running or stopped."""
+"""The facts that the page of a race shows, read from its run folder; the race may be running or stopped."""
 
 import shlex
 from collections.abc import Mapping
@@ -37,11 +37,11 @@ MAX_ELITES = 8
 class Facts:
     """The journal and the files of a run folder.
 
-    named: The folder, as the commands on the page name it.
-    record: The journal's.
+    named: The name of the folder in the commands on the page.
+    record: The record in the journal.
     provenance: None if it is missing or damaged.
     task: None if this program cannot restore it.
-    notes: What is wrong with the folder, for the user.
+    notes: Problems of the folder, for the user.
     """
 
     folder: Path
@@ -152,7 +152,7 @@ class Facts:
 
     @property
     def parts(self) -> str:
-        """What a configuration consists of."""
+        """The word for the parts of a configuration: modules or parameters."""
         return "modules" if self.start["task"] == "mission" else "parameters"
 
     @property

@@ -176,7 +176,7 @@ class RunFolder:
 
         Args:
             result: The result of the race.
-            seconds: Run time of this process.
+            seconds: Run time of this process [s].
 
         Raises:
             RaceError: if they cannot be written.

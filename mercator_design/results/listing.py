@@ -1,4 +1,4 @@
-"""What lists say of races, from their run folders."""
+"""The facts on races that lists show, from their run folders."""
 
 from pathlib import Path
 from statistics import fmean
@@ -14,7 +14,7 @@ COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", 
 
 
 def runs_of(folder: Path) -> list[dict[str, Any]]:
-    """What `run_of` says of each race in the subfolders of a folder, the last changed one last.
+    """The facts (see `run_of`) on each race in the subfolders of a folder, the last changed one last.
 
     Raises:
         RaceError: There is no such folder.
@@ -48,7 +48,7 @@ _KEYS = (*COLUMNS, "winner", "notes")
 
 
 def run_of(path: Path, reading: Reading) -> dict[str, Any]:
-    """What a table of races says of one: see `_KEYS`."""
+    """The facts on a race that a table of races shows: the keys are `_KEYS`."""
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
     is_running, missing = is_locked(path / JOURNAL), ""

@@ -1,1 +1,1 @@
-"""Experiments are run and recorded: the runner, the journal with its events, and tests of the winner."""
+"""Runs and records experiments: the runner, the journal with its events, and tests of the winner."""

@@ -62,7 +62,7 @@ class Testing:
 def known_tests(
     problem: Problem[T], tests: Sequence[Experiment], noted: Mapping[Experiment, TestDone]
 ) -> dict[Experiment, TestDone]:
-    """Those of some tests that are in a record, in their order.
+    """The given tests that the record already has, in the order given.
 
     Raises:
         RaceError: One has another seed.

@@ -81,15 +81,15 @@ class Record:
     def new_configurations(
         self, numbers: Iterable[int], values: Sequence[Configuration], parents: Sequence[int | None]
     ) -> list[ConfigurationAdded]:
-        """Those that are not in the record.
+        """The configurations that are not in the record yet.
 
         Args:
-            numbers: Of configurations.
-            values: Of all configurations.
-            parents: Of all configurations.
+            numbers: Numbers of configurations.
+            values: Values of all configurations.
+            parents: Parents of all configurations.
 
         Raises:
-            RaceError: The record has others of the same number.
+            RaceError: The record has another configuration of the same number.
         """
         new = []
         for number in numbers:
@@ -297,7 +297,7 @@ def _text(value: Mapping[str, Any]) -> str:
 
 
 def another_race(expected: str, found: str) -> RaceError:
-    """The error if a race does not do what its record says."""
+    """The error if a race differs from its record."""
     return RaceError(
         f"journal: expected {expected}, found {found}: it is of another race, or of another version of this program"
     )

@@ -1,4 +1,4 @@
-"""Problems and tasks: what a race is about.
+"""Problems and tasks: the subject of a race.
 
 A `Designer` (designer.py) is the task of a mission, a `Tuner` that of any program. The runner (runner.py) and the run
 folder (results/folder.py) are the same for all tasks.
@@ -113,7 +113,7 @@ class Task(Problem[T]):
         """
 
     def start(self) -> dict[str, Any]:
-        """As `Problem.start`, with the method and its options; a task adds what it is about."""
+        """As `Problem.start`, with the method and its options; each task adds keys of its own."""
         return {**super().start(), "method": self.method, "options": asdict(self.optimizer.options)}
 
     @abstractmethod

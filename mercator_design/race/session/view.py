@@ -1,4 +1,4 @@
-"""How a race stands: who leads, how many are alive, how far it is, and what was measured.
+"""The state of a race: its leader, the number of alive configurations, its progress, and its measurements.
 
 Whatever shows or follows a race asks its `RaceView`: the terminal, reports, lists, services. It takes the events of the
 race in their order, whether they come from the race itself, from its journal or from a service. A `Record` has one,
@@ -32,7 +32,8 @@ class Incumbent(NamedTuple):
     """The best configuration of an iteration, with its scores at that time.
 
     scores: By instance; all that it has seen by the end of the iteration.
-    before: The scores of the best of the iteration before, by then; None if there was none, or it is the same one.
+    before: The scores, at that time, of the best of the iteration before; None in the first iteration, or if the best
+            is the same.
     """
 
     ended: IterationEnded
@@ -41,7 +42,7 @@ class Incumbent(NamedTuple):
 
 
 class RaceView:
-    """How a race stands after its events so far.
+    """The state of a race after its events so far.
 
     Args:
         budget: That of the beginning of the race.
@@ -142,7 +143,7 @@ class RaceView:
         return fmean(scores) if scores else None
 
     def progress(self, cost: Callable[[float], float], plan: Progress) -> Progress:
-        """How far the race is.
+        """The progress of the race.
 
         Events alone do not say which configurations were eliminated, or how the plan of iterations has changed. So if
         the race runs in another process, the number of alive configurations is that of the last instance on which all

@@ -1,4 +1,4 @@
-"""What robots did with a PFSM: how long they were in each state, and how often they changed it."""
+"""The occupancy of a PFSM's states: how long robots were in each state, and how often they changed it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Occupancy:
-    """Measured in experiments.
+    """The occupancy of states, measured in experiments.
 
     shares: The share of time in each state.
     rates: How often [1/s] a robot changes from one state to another.

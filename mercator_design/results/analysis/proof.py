@@ -38,9 +38,9 @@ _MIN_RUNS, _MAX_RUNS = 5, 50  # instances
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contestant:
-    """What the winner is compared with, or the winner.
+    """A contestant of the proof: the winner, or a PFSM that it is compared with.
 
-    fsm: Its text; empty if there is another PFSM on each instance.
+    fsm: Its text; empty if each instance has a PFSM of its own.
     scores: On the instances, in their order.
     """
 
@@ -54,7 +54,7 @@ class Proof:
     """The contents of proof.json.
 
     journal: The digest of the race's journal.
-    seeds: Of the instances.
+    seeds: Seeds of the instances.
     contestants: The winner first.
     """
 
@@ -168,7 +168,7 @@ def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, lis
 
 
 def _one_state(behaviour: Module, flavour: str) -> Pfsm:
-    """A PFSM of one state, whose parameters are in the middle of their domains."""
+    """A PFSM of one state; each parameter is the middle of its sampled range, rounded if it is an integer."""
     middles = ((one, sum(one.sampled) / 2) for one in behaviour.parameters)
     values = tuple(float(round(middle)) if one.integer else middle for one, middle in middles)
     return Pfsm((State(behaviour.name, values),), flavour)

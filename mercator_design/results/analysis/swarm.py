@@ -1,4 +1,4 @@
-"""What a swarm did in experiments, beside its score."""
+"""Statistics of a swarm's behaviour in experiments, in addition to its score."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ def evaluate_with_stats(
     jobs: int | None = None,
     watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
 ) -> tuple[Evaluation, SwarmStats]:
-    """As `api.evaluate`, with what the swarm did; the experiments are recorded, which takes longer."""
+    """As `api.evaluate`, with statistics of the swarm; the experiments are recorded, which takes longer."""
     with ThreadExecutor(jobs) as executor:
         found = in_order(executor, partial(_observed, simulator, pfsm), seeds, watch)
     evaluation = Evaluation(scores=Scores(tuple(score for score, _ in found)), seeds=tuple(seeds))
@@ -53,7 +53,7 @@ def evaluate_with_stats(
 
 
 def _observed(simulator: Simulator, pfsm: Pfsm, seed: int) -> tuple[float, SwarmStats]:
-    """The score of one experiment, and what the swarm did in it."""
+    """The score of one experiment, and the statistics of the swarm in it."""
     outcome = simulator.run(pfsm, seed, record=True)
     trace, model = outcome.trace, outcome.recording.robot_model
     states = occupancy([trace], len(pfsm.states))
@@ -83,7 +83,7 @@ def _share_in_sight(trace: Trace) -> float:
 
 
 def _mean(of: Sequence[SwarmStats]) -> SwarmStats:
-    """The mean of experiments, which have as many cycles and robots."""
+    """The mean over experiments, which all have the same numbers of cycles and robots."""
 
     def known(values: list[float | None]) -> float | None:
         numbers = [value for value in values if value is not None]

@@ -52,20 +52,20 @@ class ScoreCurve(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ShownExperiment:
-    """One experiment, with what is known of it.
+    """One experiment, with all that is known of it.
 
     Attributes:
-        title: Of the experiment, for people.
+        title: Title of the experiment, for people.
         trace: Poses and states.
-        robot_model: Of all robots.
+        robot_model: The robot model of all robots.
         mission: None: the robots are shown without an arena, and there is no score.
         pfsms: Different PFSMs of the robots; empty: not known.
         pfsm_of: (robots,) the PFSM of each robot, by its place in `pfsms`.
         named_states: The names of each PFSM's states; empty: those of their behaviours.
-        names: Of the robots; empty: their numbers.
+        names: Names of the robots; if empty, their numbers are shown.
         fired: (cycles, robots) transition taken in a cycle, by its number in the state from 1, or 0; None: not known.
         perceived: What the robots perceived.
-        recording: Of a simulated experiment.
+        recording: The recording, if the experiment was simulated.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""A mission as it is seen before an experiment: one start, and where robots can get."""
+"""A mission before an experiment: the start of one instance, and the places that robots can reach."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from mercator_design.sim.world import Instance
 
 
 class MissionPreview(NamedTuple):
-    """A mission at the start of an instance; `reach` is None where it is not known."""
+    """A mission at the start of an instance; `reach` is None if it is not known."""
 
     mission: Mission
     instance: Instance

@@ -48,7 +48,7 @@ class _Cycle(NamedTuple):
 
 
 class _RobotLog(NamedTuple):
-    """What is shown of a robot's log."""
+    """The part of a robot's log that is shown."""
 
     robot: str
     pfsm: Pfsm
@@ -69,11 +69,11 @@ def read_logs(
 
     Args:
         paths: The logs of runs.
-        robot_model: Of the robots.
-        simulator: Of the mission in which they ran; None: they are shown without an arena.
-        seed: Of the mission's instance: its floor, and starting poses if none are given.
+        robot_model: The model of the robots.
+        simulator: The simulator of the mission in which they ran; None: they are shown without an arena.
+        seed: Seed of the mission's instance, for its floor, and for starting poses if none are given.
         starts: The poses at which the robots began, in the order of the logs [m, m, rad].
-        warn: Called with what may be wrong.
+        warn: Called with a warning of a possible mistake.
 
     Raises:
         RobotError: A file is not the log of a run, or has no positions.

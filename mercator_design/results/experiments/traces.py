@@ -35,10 +35,10 @@ def read_trace(
 
     Args:
         path: `.npz` as `Trace.arrays`, or `.csv` as `Trace.to_frame`; the column state may be missing.
-        simulator: Of the mission in which it took place.
-        seed: Of the instance: its floor, and its starting poses if the table begins after the first cycle.
+        simulator: The simulator of the mission in which it took place.
+        seed: Seed of the instance, for its floor, and for its starting poses if the table begins after the first cycle.
         pfsm: The control software of the robots, if it is known.
-        names: Of its states; by default those of their behaviours.
+        names: Names of its states; by default those of their behaviours.
 
     Raises:
         MissionError: The file is not such a table, or its states are not those of the PFSM.

@@ -37,7 +37,7 @@ def short():
 def test_the_fsms_have_all_modules():
     cases = [case(name) for name in MISSIONS]
     assert len(cases) >= 10
-    used = {module.name for each in cases for _, module in each.pfsm.nodes}
+    used = {one.module.name for each in cases for _, one in each.pfsm.nodes}
     assert used == {module.name for module in (*BEHAVIOURS, *CONDITIONS) if "watermelon" in module.numbers}
 
 

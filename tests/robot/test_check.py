@@ -54,7 +54,7 @@ def test_a_robot_that_is_well(found, devices, monkeypatch):
     assert fine["motors"] == "left 30 and right 30 degrees"
     for device in ("rvr", "lidar", "proximity"):
         assert re.fullmatch(r"100\.0 % arrives whole; 0 of \d+ bytes lost, 0 frames refused", fine[f"{device}'s line"])
-    assert fine["rvr's echoes"] == "40 of 40 came back"
+    assert fine["rvr's echoes"] == "40 of 40 were answered"
     assert fine["lidar"] == "model 6, firmware 1.4, serial 2026112100000000"
     assert 4.0 <= float(fine["lidar's turns"].split()[0]) <= 7.5
     assert fine["lidar's sight"].endswith("readings in a turn")
@@ -128,10 +128,10 @@ def test_lines_that_are_damaged(found, devices):
 
 
 def test_commands_that_do_not_arrive_are_found_by_echoes(found, devices):
-    devices.instead["echo"] = {"error": 8}
+    devices.instead["echo"] = {"error": 7}  # bad data value: damaged on its way
     _, _, wrong, _ = found()
     assert wrong.keys() == {"rvr's echoes"}
-    assert wrong["rvr's echoes"].startswith("0 of 20 came back; a run stops below 80 %; is its cable loose")
+    assert wrong["rvr's echoes"].startswith("0 of 20 were answered; a run stops below 80 %; is its cable loose")
 
 
 def lidar_answers(devices, *damaged):

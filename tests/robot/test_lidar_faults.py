@@ -57,9 +57,9 @@ class TestCheck:
         assert re.match(r"719 readings in a turn, but none in \d+ of 1[34] turns; ", words)
         assert "5 V and 1 A" in words
 
-    @pytest.mark.parametrize("distance", [0.0, 16.0])
+    @pytest.mark.parametrize("distance", [0.0, 0.06, 16.0])
     def test_all_turns_without_a_reading(self, rows, distance):
-        """Beyond the range of a lidar is no reading either."""
+        """Too near or beyond the range of a lidar is no reading either."""
         code, found = rows(LidarState(hidings=(Hiding(distance),)))
         mark, words = found["lidar's sight"]
         assert (code, mark, words[:22]) == (0, "look", "0 readings in a turn; ")
@@ -163,8 +163,11 @@ class TestRun:
 
         return run
 
-    def test_a_lidar_that_sees_nothing_any_more(self, run, robot):
-        said = run(blind(), 4, "lidar: it saw nothing in 5.0 of the last 10 s; the limit is 5 s; is there nothing")
+    @pytest.mark.parametrize("distance", [0.0, 0.06])
+    def test_a_lidar_that_sees_nothing_any_more(self, run, robot, distance):
+        """What is nearer than any robot is nothing, such as a cover."""
+        state = LidarState(hidings=(Hiding(distance),))
+        said = run(state, 4, "lidar: it saw nothing in 5.0 of the last 10 s; the limit is 5 s; is there nothing")
         assert "lidar: it has seen nothing for 2 s; is there nothing at its height" in said
         assert robot.late() == pytest.approx(5.0, abs=0.5)
 

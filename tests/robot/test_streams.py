@@ -132,6 +132,13 @@ class TestCheck:
         assert code == (mark == "WRONG")
         assert not any(devices.rvr.senses.is_streaming(each) for each in Processor)
 
+    def test_echoes_that_the_rvr_refuses(self, checked, devices):
+        """A run asks for none; a refusal shows that the line carries commands and answers."""
+        refuses("echo")(devices)
+        code, found = checked()
+        mark, words = found["rvr's echoes"]
+        assert (code, mark, words) == (0, "ok", "20 of 20 were answered")
+
     def test_services_beside_one_that_is_refused_are_streamed(self, checked, devices):
         configures("accelerometer")(devices)
         _, found = checked()

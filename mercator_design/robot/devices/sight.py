@@ -179,7 +179,7 @@ class View:
         shift = round(heading / STEP) % BINS
         turned = [*ranges[shift:], *ranges[:shift]]
         for k in range(_DEGREES):
-            self._seen[k] += any(turned[_EACH * k : _EACH * (k + 1)])
+            self._seen[k] += any(r and r >= self._nearest for r in turned[_EACH * k : _EACH * (k + 1)])
         near = {i // _EACH: r for i, r in enumerate(turned) if self._nearest <= r < NEAREST}
         for k, distance in near.items():
             self._near[k] += 1

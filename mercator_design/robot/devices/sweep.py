@@ -54,17 +54,18 @@ class Sweep:
     during a turn of the lidar.
 
     swept: The angle that the lidar has turned, relative to the robot, and the lost part.
-    readings: Number of readings in the turn that ended last.
+    readings: Number of readings in the turn that ended last, without those nearer than `nearest`.
     """
 
-    def __init__(self, front: float = 0.0, blind: Iterable[Sector] = ()) -> None:
+    def __init__(self, front: float = 0.0, blind: Iterable[Sector] = (), nearest: float = 0.0) -> None:
         """Make one without ranges.
 
         Args:
             front: Angle of the lidar's front from the robot's [rad].
             blind: Sectors of which readings are ignored.
+            nearest: Distance [m] below which readings are not counted.
         """
-        self._front, self._blind = front, covered(blind)
+        self._front, self._blind, self._nearest = front, covered(blind), nearest
         self._is_partly_blind = any(self._blind)
         self._ranges = [0.0] * BINS
         self._written = [-TURN] * BINS  # angle swept at the end of the packet
@@ -118,7 +119,7 @@ class Sweep:
         for i, (angle, distance) in enumerate(packet.points()):
             if not 0.0 < distance <= MAX_RANGE:
                 continue
-            self._readings += 1
+            self._readings += distance >= self._nearest
             k = self._bin(angle)
             # Corrected angles of near and far samples overlap: the nearer one counts.
             if not (0.0 < self._ranges[k] < distance and self._swept - self._written[k] < _SAME_PASS):

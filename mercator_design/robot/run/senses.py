@@ -150,7 +150,7 @@ class Senses:
         self.samples: dict[str, Sample] = {}
         self._forgot = now
         self._invalid: dict[str, int] = {}  # samples that the RVR marks as invalid since the latest valid one, by name
-        self.sweep = Sweep(self._settings.lidar_angle, self._settings.lidar.blind)
+        self.sweep = Sweep(self._settings.lidar_angle, self._settings.lidar.blind, self._model.lidar_nearest)
         self.sight.forget()
         for line in self.lines.values():
             line.forget()

@@ -10,7 +10,7 @@ from typing import Any
 from mercator_design.errors import RobotError
 from mercator_design.robot.devices.findings import DeviceCheck, RobotFinding, check_devices
 from mercator_design.robot.devices.health import CRITICAL, LOW, SIDES, percent, warning_share
-from mercator_design.robot.devices.link import Heard, Link, error_remedy
+from mercator_design.robot.devices.link import Event, Heard, Link, error_remedy
 from mercator_design.robot.devices.link import words as error_words
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.samples import SERVICE_OF
@@ -29,7 +29,7 @@ from mercator_design.robot.devices.start import (
 from mercator_design.robot.devices.streams import start_streams
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr import Response
-from mercator_design.robot.protocols.rvr_messages import Processor
+from mercator_design.robot.protocols.rvr_messages import DAMAGED, Processor
 from mercator_design.robot.setup.computer import check_computer
 from mercator_design.robot.setup.judging import judged, line_finding, rate_of
 from mercator_design.robot.setup.lidar_check import check_lidar
@@ -89,7 +89,7 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
             link.send_command("echo", data=_ECHO)
             for heard in link.poll(time.monotonic() + _ECHO_EVERY):
                 streams.take(heard)
-                echoes += isinstance(heard.event, Response) and heard.event.values.get("data") == _ECHO
+                echoes += _answers_echo(heard.event)
         end = time.monotonic()
     finally:
         link.is_ending = True
@@ -102,7 +102,14 @@ def _check_rvr(settings: Settings, link: Link) -> Iterator[RobotFinding]:
     yield line_finding("rvr", settings, link, before)
     is_fine = echoes >= asked * warning_share(limits.rvr_whole)  # as a run warns; it counts answers to commands
     remedy = f"a run stops below {percent(limits.rvr_whole)}; {link.damage_remedy('rvr')}"
-    yield judged("rvr's echoes", is_fine, f"{echoes} of {asked} came back", remedy)
+    yield judged("rvr's echoes", is_fine, f"{echoes} of {asked} were answered", remedy)
+
+
+def _answers_echo(event: Event) -> bool:
+    """Whether an event answers an echo without damage; firmware may refuse it, and a run needs none."""
+    if not isinstance(event, Response) or event.name != "echo":
+        return False
+    return event.error not in DAMAGED if event.error else event.values.get("data") == _ECHO
 
 
 def _of_commands(settings: Settings, link: Link) -> Iterator[RobotFinding]:

@@ -53,15 +53,15 @@ class _Measured:
     """
 
     def __init__(self, settings: Settings) -> None:
-        self._settings = settings
-        self.sweep = Sweep(settings.lidar_angle, settings.lidar.blind)
+        self._settings, self._nearest = settings, settings.reference_model.lidar_nearest
+        self.sweep = Sweep(settings.lidar_angle, settings.lidar.blind, self._nearest)
         self.restart()
 
     def restart(self) -> None:
         """Forget all turns."""
         self.times: list[float] = []
         self.readings: list[int] = []
-        self.view = View(self._settings.lidar.blind, self._settings.reference_model.lidar_nearest)
+        self.view = View(self._settings.lidar.blind, self._nearest)
 
     def take(self, link: Link, duration: float) -> None:
         """Take in what it sends for some time [s]."""

@@ -89,7 +89,7 @@ class Family:
 
     parameter: The name of the parameter in robot models.
     fit: The fit to measurements; a channel must have three levels or more.
-    draw: So many values, for a parameter.
+    draw: Draws a number of values, for a parameter.
     cumulative: The probability of less than each value, for a parameter.
     """
 

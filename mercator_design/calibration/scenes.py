@@ -112,7 +112,7 @@ def _series(name: str, rows: list[tuple[float, Floats]], start: RecordingStarted
         return _beams(times, [readings for _, readings in rows], start)
     values = np.stack([values for _, values in rows])
     if name == "proximity":
-        values[values == 0.0] = np.nan  # too near to tell
+        values[values == 0.0] = np.nan  # 0: nearer than the sensor can measure
     return Series(times, values)
 
 

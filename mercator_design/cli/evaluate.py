@@ -163,7 +163,7 @@ def measured(
 
 
 def _without_effect(pfsms: Mapping[str, Pfsm], simulator: Simulator) -> list[str]:
-    """Warnings of what has no effect; with the name of a controller if they are not about all of several."""
+    """Warnings of parts without effect; each names its controller, unless it is about all of them."""
     mission, model = simulator.mission, simulator.robot_model
     found = {name: [*no_effect_warnings(mission, model, pfsm.flavour, pfsm)] for name, pfsm in pfsms.items()}
     first, *others = found.values()

@@ -28,22 +28,22 @@ def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
 
 
 def check_apart(output: Path, inputs: Iterable[Path]) -> None:
-    """Check that what is written replaces nothing that is read."""
+    """Check that the output file is none of the input files."""
     for path in inputs:
         if output.exists() and path.exists() and output.samefile(path):
             raise click.UsageError(f"{output}: expected another file than the one that is read")
 
 
 def warn_of_no_effect(simulator: Simulator, flavour: str, pfsm: Pfsm | None = None) -> None:
-    """Warn of what has no effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
+    """Warn of parts without effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
     warn(*no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
 
 
 def warn_of_mission(simulator: Simulator, *, refuse: bool) -> None:
-    """Warn of what is impossible in a mission or probably a mistake.
+    """Warn of impossible parts of a mission, and of probable mistakes.
 
     Raises:
-        MissionError: Something is impossible, and it is to be refused.
+        MissionError: A part is impossible, and `refuse` is true.
     """
     warn(*(warning.message for warning in simulator.warnings if not (refuse and warning.is_impossible)))
     if refuse:

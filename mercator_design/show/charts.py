@@ -14,7 +14,7 @@ from mercator_design.config.colours import hex_of
 from mercator_design.show.markup import escaped, label
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a7a7a")
-"""Of lines and bars on white."""
+"""Colours of lines and bars on white."""
 STYLE = """
 .chart{--ink:#1c2430;--faint:#667180;--grid:#dfe4ea;SERIESwidth:100%;height:auto;display:block;
 font:12px system-ui,sans-serif;color:var(--ink)}
@@ -33,12 +33,12 @@ _VIRIDIS = ((68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145,
 
 
 class Axis(NamedTuple):
-    """What an axis shows."""
+    """The quantity on an axis: its name, unit, limits and ticks."""
 
     name: str
     unit: str = ""
     whole: bool = False  # whether only whole numbers are marked
-    low: float | None = None  # by default those of the data
+    low: float | None = None  # limits; by default those of the data
     high: float | None = None
     categories: tuple[str, ...] = ()  # the names of the values 0, 1, ...
 
@@ -349,7 +349,7 @@ def _colour_bar(left: float, title: str, low: str, high: str, style: str = "") -
 
 
 def _range(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
-    """What an axis spans: its own limits, or the data with a little room."""
+    """The interval that an axis covers: its own limits, or the range of the data with a margin."""
     if axis.categories and axis.low is None:
         return 0.0, max(len(axis.categories) - 1.0, 1.0)
     low, high = min(values, default=0.0), max(values, default=1.0)
@@ -360,7 +360,7 @@ def _range(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
 
 
 def _limits(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
-    """What an axis of its own values spans, without room around them."""
+    """The interval that an axis of its own values covers, without a margin."""
     known = [value for value in values if not math.isnan(value)]
     low, high = min(known, default=0.0), max(known, default=1.0)
     return _range(axis if axis.categories else axis._replace(low=low, high=high), [])

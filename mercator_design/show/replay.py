@@ -21,7 +21,7 @@ Replay: TypeAlias = dict[str, Any]
 """An experiment as the viewer reads it, in JSON: `header` and `data`."""
 
 FINEST = 0.001
-"""[m] of the poses in a replay, in an arena of up to 65 m."""
+"""Resolution [m] of the poses in a replay, in an arena of up to 65 m."""
 
 _TURN = 65536  # units of the heading in a turn
 _STEPS = 100  # of the distances of proximity sensors, up to their range
@@ -101,7 +101,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
 
 
 def _add_poses(arrays: _PackedArrays, trace: Trace) -> dict[str, Any]:
-    """Pack the poses; the place [m] from which they count, and their unit [m]."""
+    """Pack the poses; return their origin [m] and their unit [m]."""
     places = trace.poses[..., :2]
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
     origin = np.round(0.5 * (low + high), 3)
@@ -114,7 +114,7 @@ def _add_poses(arrays: _PackedArrays, trace: Trace) -> dict[str, Any]:
 
 
 def _add_ground(arrays: _PackedArrays, ground: NDArray[np.uint8]) -> list[dict[str, str]]:
-    """Pack the ground's colours as the robots read them; names and colours by number, none if there are too many."""
+    """Pack the ground colours that robots read; return names and colours by number, none if there are too many."""
     seen, numbers = np.unique(ground.reshape(-1, 3), axis=0, return_inverse=True)
     if len(seen) > _MAX_COLOURS:
         return []
@@ -125,7 +125,7 @@ def _add_ground(arrays: _PackedArrays, ground: NDArray[np.uint8]) -> list[dict[s
 
 
 def _add_proximity(arrays: _PackedArrays, proximity: Floats, model: RobotModel) -> dict[str, Any] | None:
-    """Pack the distances of the proximity sensors; where these look."""
+    """Pack the distances of the proximity sensors; return places, directions and range of the sensors."""
     sensors = model.proximity
     if sensors is None:
         return None
@@ -197,7 +197,7 @@ def _image(floor: FloorTable) -> str | None:
 
 
 def _zone_names(trace: Trace) -> list[dict[str, Any]]:
-    """The names of zones of one row, at their middle."""
+    """The names of zones that have one row, with the middle of each zone."""
     found = []
     for name, rows in trace.zone_rows.items():
         kind, x, y = trace.floor.zones[rows[0], :3]

@@ -1,4 +1,4 @@
-"""What robots do with a PFSM on a mission, measured for `mdesign fsm show`."""
+"""Measures the occupancy of a PFSM's states on a mission, for `mdesign fsm show`."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from mercator_design.show.text.progress import Display
 
 
 def measured(fsm: Path, file: FsmFile, mission: str, runs: int, seed: int) -> tuple[Occupancy, str]:
-    """The occupancy of the states on fresh instances of a mission, and what was measured, in words."""
+    """The occupancy of the states on fresh instances of a mission, and a description of the measurement."""
     simulator = simulator_of(fsm, file, {"mission": mission, "robot_model": None, "overrides": ()})
     warn_of_mission(simulator, refuse=False)
     simulator.check(file.pfsm)

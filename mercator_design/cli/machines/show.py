@@ -92,7 +92,7 @@ def show(
 
 
 def _measured(fsm: Path, file: FsmFile, mission: str, runs: int, seed: int) -> str:
-    """The picture with what robots did on a mission."""
+    """The picture with the occupancy measured on a mission."""
     try:
         from mercator_design.cli.machines.measure import measured
     except ModuleNotFoundError as error:

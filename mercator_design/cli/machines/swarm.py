@@ -1,4 +1,4 @@
-"""The robots that run a controller, as its explanation and its picture need to know them."""
+"""The facts on robots that the explanation and the picture of a controller need."""
 
 from pathlib import Path
 from typing import Annotated, Any

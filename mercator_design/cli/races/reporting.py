@@ -70,7 +70,7 @@ def write_report(
 
 
 def latest_report(folder: Path) -> str:
-    """The report that the race has written, or one of this moment, without experiments, if it has not.
+    """The report that the race has written; if there is none, a new one, for which no experiments run.
 
     Raises:
         MercatorError: There is no race.

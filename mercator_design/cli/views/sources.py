@@ -44,7 +44,7 @@ class StartingPose(click.ParamType):  # type: ignore[type-arg]  # has no argumen
 
 
 def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb the options that say what to show; it is called with `shown`, a list of experiments."""
+    """Give a verb the options that select experiments; it is called with `shown`, the list of experiments."""
 
     @click.argument("sources", nargs=-1, required=True, type=FSM, metavar="FSM|TRACE|LOG...")
     @click.option(

@@ -45,9 +45,9 @@ def diagram_svg(
     highlights them.
 
     Args:
-        pfsm: To be drawn.
+        pfsm: The PFSM to draw.
         names: The names of its states.
-        measured: What robots did with it, which is shown with the states and transitions.
+        measured: The measured occupancy, which is shown with the states and transitions.
         caption: Lines below the picture.
         narrow: Whether the states are in a column, for the side of a page.
     """
@@ -77,7 +77,7 @@ def _summary(pfsm: Pfsm) -> str:
 
 
 def _box_lines(pfsm: Pfsm, k: int, names: Sequence[str], measured: Occupancy | None) -> list[str]:
-    """Number and name, behaviour if the name is another, parameters, share of time."""
+    """The lines in a state's box: number and name, behaviour if the name differs from it, parameters, share of time."""
     state = pfsm.states[k]
     lines = [f"{k} {names[k]}"]
     if names[k] != state.behaviour and names[k] != state_names(pfsm)[k]:

@@ -1,4 +1,4 @@
-"""Where the boxes, arrows and labels of a diagram are: no label covers a box, the head of an arrow or another label."""
+"""Places the boxes, arrows and labels of a diagram: no label covers a box, the head of an arrow or another label."""
 
 import itertools
 import math
@@ -9,7 +9,7 @@ from typing import NamedTuple
 LINE = 15.0
 """Height of a line of text."""
 _LETTER = 6.7
-"""Width of a letter, about, at the font size of 12."""
+"""Approximate width of a letter at the font size of 12."""
 _MARGIN = 6.0
 """Free space around a box or label."""
 _ROOM = 44.0
@@ -170,7 +170,7 @@ def _routed(arrow: Arrow, boxes: Sequence[Extent], away: float) -> Arrow:
 
 
 def _border(box: Extent, towards: Point) -> Point:
-    """Where the line from a box's middle towards a point leaves the box."""
+    """The point where the line from a box's middle towards another point leaves the box."""
     dx, dy = towards.x - box.x, towards.y - box.y
     share = min(box.width / 2 / abs(dx) if dx else math.inf, box.height / 2 / abs(dy) if dy else math.inf)
     return Point(box.x + share * dx, box.y + share * dy)

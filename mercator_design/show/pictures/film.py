@@ -66,8 +66,8 @@ class Film:
         """Prepare a film.
 
         Args:
-            shown: What to show.
-            path: The file; its suffix is of FORMATS.
+            shown: The experiments to show.
+            path: The file; its suffix is one of FORMATS.
             speed: Seconds of the experiment in a second of the film.
             caption: Line below the scenes.
 
@@ -109,7 +109,7 @@ def save_still(path: Path, shown: Sequence[ShownExperiment], time: float, *, cap
 
 
 class Stage:
-    """A figure of experiments side by side, of which only what moves is drawn anew for each frame."""
+    """A figure of experiments side by side; for each frame, only the moving parts are drawn again."""
 
     def __init__(self, shown: Sequence[ShownExperiment], caption: str) -> None:
         height = _SIZE + 1.5
@@ -125,14 +125,14 @@ class Stage:
         self._still = self._with_clocks = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def hold(self, time: float) -> None:
-        """Move all to a time [s], for saving the figure."""
+        """Move all experiments to a time [s], for saving the figure."""
         for scene in self._scenes:
             scene.move(time)
         for artist in (*self._moving, *self._clocks):
             artist.set_animated(False)
 
     def frame(self, time: float) -> Frame:
-        """Move all to a time [s], and draw; times must not go back."""
+        """Move all experiments to a time [s], and draw; times must not decrease."""
         texts = [clock.get_text() for clock in self._clocks]
         for scene in self._scenes:
             scene.move(time)
@@ -150,7 +150,7 @@ class Stage:
 class _Scene:
     """One experiment in a figure.
 
-    moving: What changes in each frame, from back to front.
+    moving: The parts that change in each frame, from back to front.
     clock: The time and the score, in words.
     """
 
@@ -224,7 +224,7 @@ class _ChangingFloor:
         self.image = show_pixels(axes, mission, grid, self._pixels)
 
     def move(self, cycle: int) -> None:
-        """Go on to a cycle."""
+        """Advance to a cycle."""
         before = self._floor.zones.copy()
         poses = np.ascontiguousarray(self._trace.poses)
         for number in range(self._cycle + 1, cycle + 1):
@@ -289,7 +289,7 @@ def _write_gif(path: Path, frames: Iterator[Frame], rate: float) -> None:
 
 
 def _mp4_writer() -> Callable[[Path, Iterator[Frame], float], None]:
-    """What writes H.264.
+    """The function that writes frames as H.264.
 
     Raises:
         MercatorError: imageio-ffmpeg is not installed.

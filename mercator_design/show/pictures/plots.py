@@ -102,7 +102,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
 
 
 def _presence(axes: Axes, shown: ShownExperiment) -> None:
-    """Where the robots' centres were, and for how long."""
+    """A map of the time that the robots' centres were at each place."""
     low, high = _set_scene(axes, shown)
     cell = float((high - low).max()) / _CELLS
     edges = [low[k] + cell * np.arange(1 + np.ceil((high[k] - low[k]) / cell)) for k in (0, 1)]
@@ -194,7 +194,7 @@ KINDS: Mapping[str, Callable[[Axes, ShownExperiment], None]] = {
     "distances": _distances,
     "score": _score,
 }
-"""What can be plotted."""
+"""The kinds of plots, by name."""
 
 
 def _set_scene(axes: Axes, shown: ShownExperiment) -> tuple[Floats, Floats]:

@@ -128,7 +128,7 @@ def _value_text(value: object) -> str:
 
 
 def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
-    """The border of where the robots may start, within the arena; False if that is too small to show."""
+    """Draw the border of the starting area, within the arena; return False if that area is too small to show."""
     grid = arena_grid(mission, PIXELS)
     covered = covers(placement, grid.reshape(-1, 2)).reshape(grid.shape[:2])
     x, y = grid[0, :, 0], grid[:, 0, 1]
@@ -137,18 +137,18 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
-    for color, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
+    for colour, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
         border = axes.contour(
-            x, y, smooth, levels=[0.5], colors=[color], linewidths=width, linestyles=style, zorder=3.6
+            x, y, smooth, levels=[0.5], colors=[colour], linewidths=width, linestyles=style, zorder=3.6
         )
         border.set_label(f"_{_START_AREA}")
     return True
 
 
 def _draw_reach(axes: Axes, preview: MissionPreview) -> list[Artist]:
-    """Draw the border of what the robots' centres can reach, and hatch what the disc in their bodies cannot cover.
+    """Draw the border of the area that the robots' centres can reach; hatch the area that their discs cannot cover.
 
-    Returns what was drawn, for a legend.
+    Returns the drawn elements, for a legend.
     """
     reach = preview.reach
     if reach is None or not reach.reached.any():
@@ -156,9 +156,9 @@ def _draw_reach(axes: Axes, preview: MissionPreview) -> list[Artist]:
     rows, columns = reach.reached.shape
     x, y = (reach.low[k] + reach.cell * (np.arange(n) + 0.5) for k, n in enumerate((columns, rows)))
     centres = ndimage.gaussian_filter(reach.reached.astype(float), 1.0)
-    for color, width in (("white", 1.4), (_REACH, 0.7)):
+    for colour, width in (("white", 1.4), (_REACH, 0.7)):
         line = axes.contour(
-            x, y, centres, levels=[0.5], colors=[color], linewidths=width, linestyles="dotted", zorder=3.5
+            x, y, centres, levels=[0.5], colors=[colour], linewidths=width, linestyles="dotted", zorder=3.5
         )
         line.set_label(f"_{_REACH_OF_CENTRES}")
     drawn: list[Artist] = [Line2D([], [], color=_REACH, linewidth=0.7, linestyle="dotted", label=_REACH_OF_CENTRES)]

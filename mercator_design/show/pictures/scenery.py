@@ -1,4 +1,4 @@
-"""The arena, its floor and lights, seen from above: what pictures of missions and of experiments share."""
+"""The arena, its floor and lights, seen from above, for pictures of missions and of experiments."""
 
 import itertools
 import math
@@ -21,7 +21,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.results.experiments.experiment import ShownExperiment
 
 PIXELS = 800
-"""Of the floor, along its longer side."""
+"""Number of the floor's pixels along its longer side."""
 OUTSIDE, WALL, OBSTACLE = "#e4e9ee", "#2b3440", "#8c6239"
 UNKNOWN = "#8a949c"
 """Colour of robots whose control software is not known."""

@@ -1,9 +1,9 @@
-"""report.html: what a race did, and the proof of its choice, in one file that needs nothing else.
+"""report.html: the course of a race, and the proof of its choice, in one file that needs nothing else.
 
-facts       what the page is made of, read from the run folder
+facts       the facts that the page shows, read from the run folder
 markup      headings, figures, tables
 answer      the winner and its score
-request     what was asked
+request     the request: mission, method, budget
 course      budget, best configuration, convergence, elites
 choice      costs of the elites, tests between them, the winner on fresh instances
 importance  which modules explain the scores

@@ -21,7 +21,7 @@ from mercator_design.sim.checks.lint import lint
 
 
 def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
-    """The section of the winner; traces of its runs tell how long robots are in each state."""
+    """The section of the winner; traces of its runs give the share of time in each state."""
     if facts.best is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
     name = "The winner" if facts.view.is_complete else "The best so far"
@@ -29,7 +29,7 @@ def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
 
 
 def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
-    """The scores that say most of the winner, and where they were measured."""
+    """The most informative scores of the winner, and a description of where they were measured."""
     if facts.tested is not None:
         return facts.tested, f"mean of {len(facts.tested.values)} tests on fresh instances"
     if fresh is not None:
@@ -72,7 +72,7 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
 
 
 def _words(facts: Facts, pfsm: Pfsm) -> Html:
-    """What the control software does, in a sentence and in full, and what is superfluous in it."""
+    """The control software in words: a sentence, the full explanation, and its superfluous parts."""
     mission, model = facts.mission, facts.robot_model
     if mission is None or model is None:
         return Html()

@@ -21,7 +21,7 @@ def choice(facts: Facts, proof: Proof | None, without: str) -> Html:
 
 
 def verdict(facts: Facts, proof: Proof) -> str:
-    """What the proof says, in a sentence or two."""
+    """The conclusion of the proof, in a sentence or two."""
     simple = [one.name for one in proof.contestants if one.name.endswith(ALONE)]
     better, alike, worse = "significantly better than", "not distinguishable from", "significantly worse than"
     groups: dict[str, list[str]] = {better: [], alike: [], worse: []}

@@ -99,7 +99,7 @@ def _convergence(facts: Facts) -> Html:
 
 
 def _elites(facts: Facts) -> Html:
-    """The elites of all iterations as lines across what they are made of."""
+    """The elites of all iterations as lines across the axes of their parts."""
     first = first_iterations(facts.record)
     numbers = [one for one in facts.former_elites if facts.view.scores(one)][:_MAX_THREADS]
     if len(numbers) < 2:

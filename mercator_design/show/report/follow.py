@@ -25,7 +25,7 @@ from mercator_design.show.report.page import following_page, live_part
 
 HOST = "127.0.0.1"
 SECONDS = 3.0
-"""Between two requests of the page for its live part; more if making it takes long."""
+"""Seconds between two requests of the page for its live part; more if making this part takes long."""
 _SHARE = 0.1  # of the time that making the live part may take
 FAREWELL = 30.0
 """Seconds after the end of the race in which a page can ask for the report."""
@@ -79,7 +79,7 @@ class FollowServer(ThreadingHTTPServer):
         return is_locked(self._folder / JOURNAL)
 
     def serve(self) -> None:
-        """Serve until the race has ended, and a page has the report or has not asked for it."""
+        """Serve until the race has ended and a page has received the report, or for FAREWELL seconds after the end."""
         end = None
         while not self._is_sent and (end is None or time.monotonic() < end):
             self.handle_request()
@@ -87,7 +87,7 @@ class FollowServer(ThreadingHTTPServer):
                 end = time.monotonic() + FAREWELL
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the library's
-        """Print what went wrong, unless a page was closed before it had its answer."""
+        """Print the error, unless a page was closed before it received its answer."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -96,7 +96,7 @@ class FollowServer(ThreadingHTTPServer):
         return host in {f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"}
 
     def send_page(self, send: Callable[[str], None]) -> None:
-        """Send the page; the report when the race has ended."""
+        """Send the page, or the report if the race has ended."""
         if self.is_running:
             send(self._page)
             return
@@ -131,7 +131,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: FollowServer
 
     def do_GET(self) -> None:
-        """Answer a GET; all else is refused by the library."""
+        """Answer a GET; the library refuses all other methods."""
         if not self.server.is_own(self.headers.get("Host")):
             self._answer(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "This is not the host of this page.\n")
         elif self.path == "/":

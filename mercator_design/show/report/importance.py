@@ -1,4 +1,4 @@
-"""What matters: which modules or parameters explain the scores, and which parts the winner needs."""
+"""Importance: the modules or parameters that explain the scores, and the parts that the winner needs."""
 
 from mercator_design.errors import RaceError
 from mercator_design.fsm.text import to_text
@@ -15,7 +15,7 @@ _NORMAL = 1.96  # standard errors of half an interval
 
 
 def importance(facts: Facts) -> Html:
-    """The section of what matters; it says so if the race was too small for it."""
+    """The section on importance, or a note that the race was too small for it."""
     if facts.task is None:
         return Html()
     title = f"What matters on {facts.start['name']}"
@@ -46,7 +46,7 @@ def _dot(one: Importance) -> Dot:
 
 
 def _ablation(facts: Facts) -> Html:
-    """The winner without its parts, if that was measured; else the command that does it."""
+    """The scores of the winner without its parts, if they were measured; else the command that measures them."""
     pfsm = None if facts.best is None or not facts.view.is_complete else facts.pfsm(facts.best)
     if pfsm is None:
         return Html()

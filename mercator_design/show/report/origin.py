@@ -1,4 +1,4 @@
-"""Where the race comes from: what is left of its budget, failures, versions, and the command that runs it again."""
+"""The origin of the race: the rest of its budget, failures, versions, and the command that runs it again."""
 
 from mercator_design.race.session.events import SessionStarted
 from mercator_design.results.facts import Facts

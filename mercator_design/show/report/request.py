@@ -1,4 +1,4 @@
-"""What was asked: the mission, the method, the budget."""
+"""The request: the mission, the method, the budget."""
 
 import base64
 import io
@@ -12,7 +12,7 @@ _COLOURS = 128  # of the picture: few are needed, and it gets three times smalle
 
 
 def request(facts: Facts) -> Html:
-    """The section of what was asked."""
+    """The section of the request."""
     start, asked, model = facts.start, facts.mission, facts.robot_model
     mission: list[tuple[str, object]] = [("mission" if start["task"] == "mission" else "scenario", start["name"])]
     picture = Html()

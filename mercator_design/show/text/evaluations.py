@@ -38,7 +38,7 @@ class Evaluated(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in tables: the end of a long one, where the line is."""
+        """The name in tables; of a long one only its end, which has the number of the line."""
         name = printable(self.name)
         return name if len(name) <= _MAX_WIDTH else f"...{name[3 - _MAX_WIDTH :]}"
 
@@ -48,9 +48,9 @@ class Comparison:
 
     Attributes:
         of: The PFSMs.
-        mission: What they did.
-        robot_model: Their robots.
-        best: The place of the best in `of`: that of the best mean, the first of equals.
+        mission: The mission.
+        robot_model: The robot model.
+        best: The index in `of` of the best PFSM: that with the best mean, the first if several are equal.
         pairs: All pairs of places, with paired t-tests and Holm's correction; none of a single instance.
         p_values: Of the pairs with the best, by the other's place.
     """

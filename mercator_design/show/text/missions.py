@@ -37,7 +37,7 @@ def _table(rows: Sequence[tuple[str, ...]], width: int | None) -> str:
 
 
 def missions_json() -> str:
-    """A list of what `missions_facts` gives, and the files."""
+    """A list of the facts of `missions_facts`, with the files."""
     files = shipped.missions()
     return json.dumps([facts | {"file": str(files[name])} for name, facts in missions_facts().items()], indent=2)
 
@@ -48,7 +48,7 @@ def missions_facts() -> dict[str, dict[str, Any]]:
 
 
 def facts_of(mission: Mission) -> dict[str, Any]:
-    """What `missions_table` shows of a mission, and its source and robot model."""
+    """The facts on a mission that `missions_table` shows, and its source and robot model."""
     return {
         "name": mission.name,
         "description": mission.description,

@@ -31,7 +31,7 @@ Clock = Callable[[], float]
 
 
 class _State(NamedTuple):
-    """What is shown."""
+    """The state of the work that is shown."""
 
     text: str
     done: int
@@ -48,7 +48,7 @@ class _Line:
     """Shows states; this one shows nothing."""
 
     every = math.inf
-    """Seconds between two updates: to know the progress of a race takes a millisecond."""
+    """Minimum seconds between two updates: computing the progress of a race takes a millisecond."""
     is_wide = False
     """Whether there is space for all figures."""
 
@@ -210,11 +210,11 @@ class Display:
 
 
 class Raced(Protocol):
-    """What is shown of a task."""
+    """The part of a task that the display needs."""
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
 
     def cost(self, score: float) -> float:
         """The cost of a score."""

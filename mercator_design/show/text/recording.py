@@ -30,11 +30,11 @@ def write_recording(file: BinaryIO, trace: Trace, devices: Sequence[str], *, eve
     """Write a recorded experiment.
 
     Args:
-        file: To write to: `.npz` has `Trace.arrays`, `.csv` has `Trace.to_frame`.
-        trace: Of an experiment run with `record=True`.
+        file: The output file: `.npz` has `Trace.arrays`, `.csv` has `Trace.to_frame`.
+        trace: The trace of an experiment run with `record=True`.
         devices: Names of sim.devices.DEVICES.
         every: Record every n-th cycle, and the last.
-        suffix: Of FORMATS.
+        suffix: One of FORMATS.
 
     Raises:
         SimulationError: as `Recording.measure`.

@@ -99,7 +99,7 @@ def side_by_side(folders: Sequence[Path]) -> str:
 
 
 def races_json(folders: Sequence[Path]) -> list[dict[str, Any]]:
-    """What `runs_json` says of each race; errors are those of `side_by_side`."""
+    """The facts of `runs_json` on each race; errors are those of `side_by_side`."""
     return [run_of(folder, _begun(folder)) for folder in folders]
 
 

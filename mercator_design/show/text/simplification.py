@@ -1,4 +1,4 @@
-"""What a simplification has shown, as text and as entries of an FSM's header."""
+"""The results of a simplification, as text and as entries of an FSM's header."""
 
 from collections.abc import Callable
 
@@ -39,7 +39,7 @@ def simplification_page(found: Simplification, score: Callable[[float], float]) 
 
 
 def evidence(found: Simplification, score: Callable[[float], float], *, mission: str, seed: int) -> dict[str, str]:
-    """What the header of the simpler FSM says of its origin."""
+    """The entries on its origin in the header of the simpler FSM."""
     before = [score(cost) for cost in found.costs]
     entries = {
         "simplified from": to_text(found.pfsm),

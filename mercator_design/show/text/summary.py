@@ -30,7 +30,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         folder: The run folder.
         new: Number of experiments that this process has run.
         tested: Number of tests that this process has run.
-        seconds: Run time of this process.
+        seconds: Run time of this process [s].
         jobs: Number of experiments that ran at the same time.
     """
     task, view, optimizer = folder.task, folder.journal.record.view, folder.task.optimizer

@@ -1,4 +1,4 @@
-"""The missions and robot models that come with the package, and how a name or a path finds its file."""
+"""The missions and robot models that come with the package, and the search for a file by name or path."""
 
 import os
 from collections.abc import Mapping

@@ -96,7 +96,7 @@ class Facts:
 
     @property
     def view(self) -> RaceView:
-        """How the race stands."""
+        """The state of the race."""
         return self.record.view
 
     @property

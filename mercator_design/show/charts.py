@@ -25,7 +25,7 @@ font:12px system-ui,sans-serif;color:var(--ink)}
 .chart .axis{stroke:var(--faint)}
 """.replace("SERIES", "".join(f"--k{k}:{colour};" for k, colour in enumerate(COLOURS)))
 WIDTH, WIDE = 460.0, 940.0
-_LETTER = 6.3  # width of a letter, about
+_LETTER = 6.3  # approximate width of a letter
 _ROW = 24.0
 _SHADE = ' class="shade"'  # brighter on dark screens
 _VIRIDIS = ((68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98),
@@ -66,7 +66,7 @@ class Bars(NamedTuple):
 
 
 class Dot(NamedTuple):
-    """A row: a value with its interval, the single values behind it, with their quartiles, and a remark."""
+    """A row: a mean or other value with its interval, the single values with their quartiles, and a remark."""
 
     name: str
     middle: float

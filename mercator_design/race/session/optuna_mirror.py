@@ -37,7 +37,7 @@ class OptunaMirror:
         storage: URL of an Optuna storage, such as sqlite:///race.db.
         name: Name of the study; an existing study of this name is continued.
         race: The race.
-        view: How the race stands; it takes each event before `note`.
+        view: The state of the race; it takes each event before `note`.
         maximise: Whether higher scores are better.
         warn: Called with a sentence when something goes wrong.
     """

@@ -61,7 +61,7 @@ class Record:
     scored: set[int] = field(default_factory=set)
     """The configurations that have a score."""
     view: RaceView = field(default_factory=RaceView, repr=False, compare=False)
-    """How the race stands after the events so far."""
+    """The state of the race after the events so far."""
 
     @property
     def record(self) -> "Record":

@@ -33,11 +33,11 @@ class Workload:
         return not (self.todo or self._under_way)
 
     def begin(self, place: int, experiment: Experiment) -> None:
-        """An experiment runs as the item of this index."""
+        """Note that an experiment runs as the item of this index."""
         self._under_way[place] = experiment
 
     def end(self, place: int, result: Measurement | Failed) -> None:
-        """An item has run; its result is held, unless the prediction of its experiment was wrong."""
+        """Note that an item has run; hold its result, unless the prediction of its experiment was wrong."""
         if (experiment := self._under_way.pop(place, None)) is not None:
             self.held[experiment] = result
 

@@ -9,7 +9,7 @@ from mercator_design.results.facts import Facts
 
 
 class ShownRun(NamedTuple):
-    """A run of the winner that is shown."""
+    """A run of the winner, to be shown."""
 
     name: str
     seed: int
@@ -34,7 +34,7 @@ def chosen_runs(facts: Facts, proof: Proof | None) -> list[ShownRun]:
 
 
 class WinnerRuns(NamedTuple):
-    """The winner at work.
+    """Runs of the winner.
 
     runs: Its median, best and worst run.
     experiments: The same ones, simulated again.

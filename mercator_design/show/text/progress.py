@@ -228,7 +228,7 @@ class RaceDisplay(Display):
 
     Args:
         task: What is raced.
-        view: How the race stands; it takes each event before `note`.
+        view: The state of the race; it takes each event before `note`.
         testing: The tests after the race.
         mode: How to show it.
         plan: The progress of the race's optimizer before it has begun.

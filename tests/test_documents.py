@@ -321,3 +321,10 @@ def test_pictures_of_the_readme_are_small():
 def test_the_citation_has_the_version_of_the_program():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == mercator_design.__version__
+
+
+def test_decisions_have_numbers_of_their_own():
+    numbers = [page.name.partition("-")[0] for page in (ROOT / "docs" / "adr").glob("*.md")]
+    assert sorted(numbers) == [f"{number:04}" for number in range(1, len(numbers) + 1)]
+    for page in (ROOT / "docs" / "adr").glob("*.md"):
+        assert page.read_text().startswith(f"# {int(page.name[:4])}. ")

@@ -324,7 +324,8 @@ def test_the_citation_has_the_version_of_the_program():
 
 
 def test_decisions_have_numbers_of_their_own():
-    numbers = [page.name.partition("-")[0] for page in (ROOT / "docs" / "adr").glob("*.md")]
-    assert sorted(numbers) == [f"{number:04}" for number in range(1, len(numbers) + 1)]
-    for page in (ROOT / "docs" / "adr").glob("*.md"):
+    pages = [*(ROOT / "docs" / "adr").glob("*.md")]
+    numbers = {page.name.partition("-")[0] for page in pages}
+    assert len(numbers) == len(pages) > 0
+    for page in pages:
         assert page.read_text().startswith(f"# {int(page.name[:4])}. ")

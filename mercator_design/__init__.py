@@ -74,7 +74,7 @@ def _draw_in_notebooks() -> None:
 
 
 def _html(value: object) -> str:
-    """What a notebook shows of a value."""
+    """The HTML that a notebook shows for a value."""
     found: str = importlib.import_module(f"{__name__}.notebook").html_of(value)
     return found
 

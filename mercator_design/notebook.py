@@ -1,4 +1,4 @@
-"""What a notebook shows of missions, robots' traces, PFSMs and results.
+"""The HTML that a notebook shows for missions, traces, PFSMs and results.
 
 The classes are in rooms below those that draw, so `import mercator_design` gives them a `_repr_html_`, the method by
 which notebooks ask for HTML. This module is imported when something is shown.

@@ -39,7 +39,7 @@ from mercator_design.missions.trace import Trace
 from mercator_design.scores import EXPECTED, is_score
 
 _NUMBERS: Any = (int, float, np.integer, np.floating, np.bool_)
-"""What an objective may return."""
+"""The scores that an objective may return."""
 _MAX_CYCLES = 10_000_000
 """Robots times cycles: their trace has 250 MB."""
 

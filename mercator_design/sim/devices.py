@@ -320,7 +320,7 @@ def quaternion(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> F
 
 
 def _ring(recording: Recording, sensors: int, cycles: Numbers, *, of_light: bool) -> Floats:
-    """What the sensors of a ring read (cycles, robots, sensors)."""
+    """Readings of the sensors of a ring (cycles, robots, sensors)."""
     found = np.zeros((len(cycles), len(recording.noise_keys), sensors))
     model, poses = recording.robot_model.reference_model, _placed(recording, cycles)
     compiled(fill_ring)(recording.scene, model, _scratch(recording), poses, cycles, of_light, found)

@@ -113,11 +113,6 @@ def _is_trusted(group: int) -> bool:
     return found.gr_name == name and set(found.gr_mem) <= {name}
 
 
-def folder_of(function: Callable[..., Any], part: str, version: str) -> str:
-    """The name of the folder of a function's compiled form, by a version of numba."""
-    return "-".join([function.__module__ or "", *([part] if part else []), "numba", version])
-
-
 def keep_whole(
     cache: Any,  # noqa: ANN401 - numba has no types
     part: str,
@@ -141,7 +136,8 @@ def keep_whole(
     implementation, function = cache._impl, cache._py_func  # noqa: SLF001
     from importlib.metadata import version  # slow to import, and a robot compiles nothing
 
-    folder = str(Path(cache.cache_path).parent / folder_of(function, part, version("numba")))
+    name = "-".join([function.__module__ or "", *([part] if part else []), "numba", version("numba")])
+    folder = str(Path(cache.cache_path).parent / name)
     implementation.locator.get_cache_path = lambda: folder
     file = Path(function.__code__.co_filename)
     source = file.read_bytes() if file.is_file() else b""  # of a notebook there is no file

@@ -17,7 +17,7 @@ Words = Callable[..., str]
 
 
 class KnownSwarm(NamedTuple):
-    """What is known of the robots that run a PFSM."""
+    """Known facts about the robots that run a PFSM."""
 
     cycle: float  # [s] control period
     robots: int | None = None  # how many; None if it is not known

@@ -39,7 +39,7 @@ MAX_TIMEOUTS = 2
 START = 60.0
 """Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
 _to_main: "list[Connection]" = []
-"""In a worker: where its notes go."""
+"""In a worker: the connection that its notes go to."""
 _CHECK_EVERY = 1.0
 """Seconds between two checks of a worker that its main process is alive."""
 

@@ -1,4 +1,4 @@
-"""What a parameter depends on, as values: conditions and bounds that need no expression in irace's language."""
+"""Conditions and bounds of a parameter, as values instead of expressions in irace's language."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

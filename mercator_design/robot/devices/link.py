@@ -177,15 +177,15 @@ class Link:
         return {device: self._decoders[device].counts for device in self.lines}
 
     def remedy(self, device: DeviceName) -> str:
-        """What to check if a device sends nothing, or nothing that is understood, and its port."""
+        """Remedy for a device that sends nothing, or nothing that is understood; with its port."""
         return f"{self._remedy(device)} ({device} on {self.lines[device].port})"
 
     def damage_remedy(self, device: DeviceName) -> str:
-        """What to check if too many bytes to or from a device are damaged, and its port."""
+        """Remedy for a line on which too many bytes are damaged; with its port."""
         return f"{_DAMAGED_LINE[device]} ({device} on {self.lines[device].port})"
 
     def stream_remedy(self) -> str:
-        """What to check if the RVR is heard, but does not stream a sensor as it should, and its port."""
+        """Remedy for an RVR that is heard, but does not stream a sensor as it should; with its port."""
         return (
             "the RVR itself is heard: switch it off and on, or update it with the app Sphero Edu; `mercator-robot "
             f"check` reports what it streams, and rvr.period in robot.yaml how often (rvr on {self.lines['rvr'].port})"
@@ -274,7 +274,7 @@ def words(error: int) -> str:
 
 
 def error_remedy(error: int) -> str:
-    """What to do about an error of the RVR."""
+    """Remedy for an error of the RVR."""
     if error in _UNKNOWN_COMMAND:
         return "its firmware does not know this: update it with the app Sphero Edu"
     return "switch it off and on"

@@ -41,7 +41,7 @@ _MEMORY = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 
 @dataclass(frozen=True, kw_only=True)
 class RvrSettings:
-    """What the RVR is set to."""
+    """Settings of the RVR."""
 
     period: Annotated[float, Range(0.033, 1.0)] = 0.05  # [s] from one streamed sample of a sensor to the next
     timeout: Annotated[float, Range(0.2, 2.0)] = (
@@ -81,7 +81,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class LidarSettings:
-    """What the lidar cannot see."""
+    """Settings of the lidar: the sectors that it cannot see."""
 
     blind: Annotated[
         tuple[tuple[Degrees, Degrees], ...], Length(0, 36)

@@ -1,4 +1,4 @@
-"""What a lidar sees, judged turn by turn: turns without a reading, sectors without one, and parts of the robot."""
+"""Judges the turns of a lidar: turns without a reading, sectors without one, and parts of the robot in its view."""
 
 import math
 from collections import deque

@@ -24,7 +24,7 @@ _STOP = encode_command("force_stop") + encode_command("stop")
 S = TypeVar("S", Health, DeviceInfo)
 WAKE_WAIT = 2.0  # [s] for the RVR to wake up
 UNKNOWN = "not known"
-"""What is said of a fact that a device refuses to tell."""
+"""Word for a fact that a device does not report."""
 _NOTIFICATIONS = ("battery_voltage_state_change", "motor_fault", "motor_stall", "motor_thermal_protection_status")
 DRIVE = "drive_tank_si_units"
 """The command that drives."""
@@ -81,7 +81,7 @@ class LidarIdentity(NamedTuple):
         return facts
 
     def doubts(self) -> dict[str, str]:
-        """What is unusual, although a run is possible, by names of `words`."""
+        """Unusual facts that do not prevent a run, by names of `words`."""
         if self.is_one_way:
             return {
                 "lidar": "it sends unasked and answers nothing: is it a one-way model, or is the wire to its RX loose? "

@@ -14,9 +14,8 @@ Model: TypeAlias = frozenset[str]
 """The sections of config.txt for a model."""
 
 _ANY = {"all"}
-_MODELS: dict[
-    str, Model
-] = {  # by the beginning of a name in the device tree, behind "Raspberry Pi "; longer ones first
+# By the beginning of a name in the device tree, behind "Raspberry Pi "; longer ones first.
+_MODELS: dict[str, Model] = {
     name: frozenset(sections.split())
     for name, sections in {
         "Compute Module 5": "pi5 cm5",
@@ -48,7 +47,7 @@ _MAX_DEPTH = 8  # of included files
 
 @dataclass
 class BootSettings:
-    """What the firmware sets for a model.
+    """Settings of the firmware for a model.
 
     values: The last value of each key.
     overlays: Names of the overlays.
@@ -76,7 +75,7 @@ def has_bluetooth(model: Model) -> bool:
 
 
 def boot_settings(config: Path, model: Model, *, other_filters: bool) -> BootSettings:
-    """What config.txt sets for a model.
+    """Read the settings of config.txt for a model.
 
     Args:
         config: The file.

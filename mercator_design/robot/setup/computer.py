@@ -106,7 +106,7 @@ def check_uart(port: str, kernel: str, config: Path | None, model: str = "") -> 
 
 
 def _wrong(names: Collection[str], settings: BootSettings, model: Model, config: Path) -> str:
-    """What is wrong with the UART of a model with these settings; empty if nothing is."""
+    """Fault of the UART of a model with these settings; empty if there is none."""
     if "pi5" in model:
         is_set = any(map(settings.has_parameter, ("uart0", "uart0_console"))) or settings.overlays & _ON_PI_5
         is_on = is_set or settings.values.get("enable_uart") == "1"  # without a port, the RVR's check says so
@@ -155,7 +155,7 @@ def _names(port: str) -> set[str]:
 
 
 def _by_hand(remedy: str) -> str:
-    """What to do: by raspi-config where it is, else by hand."""
+    """Remedy: by raspi-config where it is installed, else by hand."""
     return _BY_RASPI_CONFIG if RASPI_CONFIG.exists() else remedy
 
 

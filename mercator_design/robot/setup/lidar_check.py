@@ -44,7 +44,7 @@ def check_lidar(settings: Settings, link: Link, duration: float) -> Iterator[Rob
 
 
 class _Measured:
-    """What a lidar sends.
+    """Measurements of a lidar.
 
     sweep: Its ranges, which the robot at rest sees.
     times: End of each turn [s].

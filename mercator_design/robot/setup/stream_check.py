@@ -47,7 +47,7 @@ class StreamCheck:
             yield self._of_ground()
 
     def _judge(self, name: str, end: float) -> tuple[str, bool, bool]:
-        """What is found of a sensor, whether it is enough for a run, and whether it is as usual."""
+        """Description of a sensor's samples, whether they suffice for a run, and whether they are usual."""
         service, times, period = SERVICE_OF[name], self._times[name], self._settings.rvr.period
         if name in self._refused:
             return f"the RVR does not stream {service}: {self._refused[name]}", False, False
@@ -68,7 +68,7 @@ class StreamCheck:
         return words, gap <= limit, is_usual
 
     def _of_ground(self) -> RobotFinding:
-        """What the ground sensor sees; nothing at all may be a black floor, or no light."""
+        """The finding on the colour of the ground; 0 0 0 may be a black floor, or no light."""
         red, green, blue = (fmean(channel) for channel in zip(*self._colours, strict=True))
         label = nearest(self._settings.labels_of({}), (red, green, blue))
         words = f"{red:.0f} {green:.0f} {blue:.0f}, which is {label}"

@@ -79,7 +79,7 @@ class Accounts:
             ended.set()
 
     def holder_of_session(self, secret: str) -> Holder | None:
-        """Whose session this is; None if it has ended, or its token was revoked or has expired.
+        """Holder of a session; None if it has ended, or its token was revoked or has expired.
 
         Raises:
             ServiceError: The file of users is not valid.

@@ -105,7 +105,7 @@ def tls_of(certificate: Path, key: Path) -> ssl.SSLContext:
 
 
 def network_of(address: str) -> str:
-    """What an address counts as: in IPv6 its first 64 bits, because a client can choose the others."""
+    """The network that an address counts for: in IPv6 its first 64 bits, because a client can choose the others."""
     found = _address(address.partition("%")[0])
     if isinstance(found, ipaddress.IPv6Address):
         return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))

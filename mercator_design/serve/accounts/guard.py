@@ -172,7 +172,7 @@ class Guard:
             scope["state"]["user"] = LOCAL
 
     def _unknown(self, visit: "_Visit") -> Refusal:
-        """The refusal of who is not logged in."""
+        """Refusal of a request without a valid login."""
         error = "expected the token of a user: Authorization: Bearer md_...; or a session: log in at /login"
         if visit.has_bearer:
             error = "Authorization: expected Bearer and a token that is known, has not expired and was not revoked"

@@ -141,14 +141,14 @@ class Users:
         return any(not token.is_expired(now) for account in self.accounts() for token in account.tokens)
 
     def holder(self, identity: str) -> Holder | None:
-        """Whose token has an id; None if it was revoked or has expired."""
+        """Holder of the token with this id; None if it was revoked or has expired."""
         account, token = self._read().tokens.get(identity, (None, None))
         if account is None or token is None or token.is_expired(self._now()):
             return None
         return Holder(User(account.name, account.is_admin), token.id, datetime.fromisoformat(token.expires))
 
     def verify(self, text: str) -> Holder | None:
-        """Whose token this is; None if it is none, was revoked or has expired."""
+        """Holder of a token; None if it is unknown, was revoked or has expired."""
         return self.holder(self._read().ids.get(digest(text), ""))
 
     def add(self, name: str, *, is_admin: bool = False, days: float = DAYS) -> str:

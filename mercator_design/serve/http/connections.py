@@ -144,7 +144,7 @@ class PatientProtocol(H11Protocol):
         self._look()
 
     def on_response_complete(self) -> None:
-        """Wait for the next request; close the connection if it came before the answer: who pipelines floods."""
+        """Wait for the next request; close the connection if it came before the answer, as in a flood."""
         if self.conn.trailing_data[0]:
             self.transport.close()
         super().on_response_complete()

@@ -67,13 +67,8 @@ class Launcher:
         """
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
             return RaceProcess(
-                [
-                    sys.executable,
-                    "-P",
-                    "-m",
-                    "mercator_design.serve.jobs.worker",
-                    *self.command(job),
-                ],  # -P: no code there
+                # -P: the folder of the data is no place of code.
+                [sys.executable, "-P", "-m", "mercator_design.serve.jobs.worker", *self.command(job)],
                 cwd=self._store.data,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,

@@ -60,7 +60,7 @@ class Hiding:
         return math.floor((turn + 1) * self.turns) > math.floor(turn * self.turns)
 
     def covers(self, degrees: Floats) -> NDArray[np.bool_]:
-        """Which of some angles it covers."""
+        """Whether it covers each of some angles."""
         if self.sector is None:
             return np.full(len(degrees), fill_value=True)
         first, last = self.sector
@@ -69,7 +69,7 @@ class Hiding:
 
 @dataclass(frozen=True, slots=True)
 class LidarState:
-    """What faults change in a lidar."""
+    """Changes of a lidar by faults."""
 
     model: int = MODEL
     rate: float | None = None  # [1/s] of turns; None: the usual one

@@ -36,9 +36,9 @@ import pymunk
 
 from mercator_design.fsm import Controller, parse
 from mercator_design.fsm.control import DRAWS
-from mercator_design.fsm.perception import perceive, proximity_weight
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.modules.perception import perceive, proximity_weight
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Neighbours

@@ -108,7 +108,7 @@ def options_of(method: str) -> HalvingOptions:
 def fingerprint() -> str:
     """Of the source of races, of what they know of PFSMs, and of the simulator, which all decide results."""
     folder = Path(mercator_design.__file__).parent
-    files = sorted([*folder.glob("race/**/*.py"), *folder.glob("fsm/**/*.py")])
+    files = sorted(file for room in ("race", "modules", "fsm") for file in folder.glob(f"{room}/**/*.py"))
     digest = hashlib.sha256(kernels_digest().encode())
     for file in files:
         digest.update(file.read_bytes())

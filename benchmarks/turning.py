@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.modules.clustering import lidar_neighbours
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.robot.devices.samples import Sample, heading
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
 from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet, correction

@@ -25,10 +25,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from benchmarks.twin_runs import EARLY, Plan, Track, log_of_twin, play
 from mercator_design.config.colours import COLOURS
 from mercator_design.fsm.control import MEMORY, STATE, control_cycle
-from mercator_design.fsm.perception import perceive, proximity_weight
-from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.perception import perceive, proximity_weight
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read

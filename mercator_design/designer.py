@@ -18,13 +18,9 @@ from mercator_design import __version__
 from mercator_design.config.schema import OneOf
 from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import RaceError, SimulationError, excerpt
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.digest import control_digest
 from mercator_design.fsm.files import fsm_file_text, read_fsm
-from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.fsm.space.grammar import GrammarParameter, parameters_of, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.fsm.text import to_text
@@ -32,6 +28,10 @@ from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import numbered
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
 from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS

@@ -5,9 +5,9 @@ import pytest
 from mercator_design import designer
 from mercator_design.designer import Designer
 from mercator_design.fsm.digest import FILES, control_digest
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.race import Experiment
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.seeds import MAX_SEED, instance_seed

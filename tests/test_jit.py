@@ -15,10 +15,10 @@ import pytest
 
 from mercator_design import jit
 from mercator_design.compiling import inlining, kernel_sources
-from mercator_design.fsm.behaviours import behave
-from mercator_design.fsm.conditions import logistic, probability
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.plugins import CHANGES
+from mercator_design.modules.behaviours import behave
+from mercator_design.modules.conditions import logistic, probability
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.placing import first_free
 from mercator_design.system import kernel_cache
@@ -26,7 +26,7 @@ from tests.processes import LIMIT
 
 SCRIPT = """
 from mercator_design import jit
-from mercator_design.fsm.conditions import logistic
+from mercator_design.modules.conditions import logistic
 announced = []
 with jit.announced(lambda: announced.append(True)):
     values = [jit.compiled(logistic)(x) for x in ARGUMENTS]

@@ -197,7 +197,7 @@ class _Evil:
 
 def test_what_others_planted_is_not_run(tmp_path):
     """In a folder where they may write: the index is a pickle, which makes a folder when it is loaded."""
-    script = "from mercator_design import jit; from mercator_design.fsm.conditions import logistic\n"
+    script = "from mercator_design import jit; from mercator_design.modules.conditions import logistic\n"
     script += "print(jit.compiled(logistic)(0.0)); print(jit.cache_folder()); print(jit.cache_warning())"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "NUMBA_DISABLE_JIT": "0"}
 

@@ -19,16 +19,16 @@ import numpy as np
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import Pfsm
-from mercator_design.fsm.behaviours import BEHAVIOURS, TURN_CYCLES
-from mercator_design.fsm.conditions import CONDITIONS, probability
 from mercator_design.fsm.control import CYCLES, DRAWS, STATE, control_cycle
-from mercator_design.fsm.modules import MAX_PARAMETERS
 from mercator_design.fsm.pfsm import MAX_TRANSITIONS, Program
-from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import Tiles
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.behaviours import BEHAVIOURS, TURN_CYCLES
+from mercator_design.modules.conditions import CONDITIONS, probability
+from mercator_design.modules.module import MAX_PARAMETERS
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
 from mercator_design.sim.kernels.scene import Scene

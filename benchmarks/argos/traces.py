@@ -15,11 +15,11 @@ from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipp
 from benchmarks.argos.repeat import set_scene, twisters
 from mercator_design.config.colours import rgb
 from mercator_design.fsm import Readings, parse
-from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE
 from mercator_design.fsm.control import MEMORY
-from mercator_design.fsm.modules import NEIGHBOURS
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Tiles
+from mercator_design.modules.behaviours import TURN_CYCLES, TURN_SIDE
+from mercator_design.modules.module import NEIGHBOURS
 from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.sight import cast

@@ -6,13 +6,13 @@ it, as plain Python, on the robot.
 
 from collections.abc import Sequence
 
-from mercator_design.fsm.behaviours import TURN_CYCLES, TURN_SIDE, behave
-from mercator_design.fsm.conditions import probability
-from mercator_design.fsm.modules import MAX_PARAMETERS
-from mercator_design.fsm.perception import Row
 from mercator_design.fsm.pfsm import MAX_TRANSITIONS, Pfsm, Program, Transition
-from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import jittable
+from mercator_design.modules.behaviours import TURN_CYCLES, TURN_SIDE, behave
+from mercator_design.modules.conditions import probability
+from mercator_design.modules.module import MAX_PARAMETERS
+from mercator_design.modules.perception import Row
+from mercator_design.modules.reference import Readings, ReferenceModel, Wheels
 
 STATE, CYCLES = 0, 1
 """Places in `memory`: the active state; control cycles spent in it. The rest belongs to the behaviour."""

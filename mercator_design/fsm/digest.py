@@ -3,13 +3,17 @@
 import hashlib
 from importlib.resources import files
 
-FILES = ("behaviours", "clustering", "conditions", "control", "modules", "perception", "pfsm", "reference")
-"""Those of this folder."""
+FILES = {
+    "modules": ("behaviours", "clustering", "conditions", "module", "perception", "reference"),
+    "fsm": ("control", "pfsm"),
+}
+"""Those of some folders of this package."""
 
 
 def control_digest() -> str:
     """The digest, as hexadecimal text; the same in a checkout and in a bundle, which is a zip file."""
     digest = hashlib.sha256()
-    for name in FILES:
-        digest.update(files(__package__).joinpath(f"{name}.py").read_bytes() + b"\0")
+    for folder, names in FILES.items():
+        for name in names:
+            digest.update(files("mercator_design").joinpath(folder, f"{name}.py").read_bytes() + b"\0")
     return digest.hexdigest()[:16]

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import MAX_PARAMETERS, Module, named, senses_bits
-from mercator_design.fsm.perception import Row
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import MAX_PARAMETERS, Module, named, senses_bits
+from mercator_design.modules.perception import Row
 
 MAX_STATES = 4
 MAX_TRANSITIONS = 4

@@ -14,9 +14,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import (
     FLAVOURS,
     MAX_STATES,
@@ -27,6 +24,9 @@ from mercator_design.fsm.pfsm import (
     absolute_target,
     relative_target,
 )
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import Module, numbered
 
 Warn = Callable[[str], None]
 

@@ -39,8 +39,8 @@ from mercator_design.config.schema import (
 from mercator_design.config.writing import Dumper
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, MODULES, Words, named_values, number_of
 from mercator_design.fsm.words.names import STATE_NAME
+from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS, MODULES, Words, named_values, number_of
 
 StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
 HeaderKey = Annotated[str, Pattern(r"[^\s:#][^\s:]*( [^\s:]+)*", "words without a colon")]

@@ -15,9 +15,9 @@ import numpy as np
 
 from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.errors import SimulationError
-from mercator_design.fsm.reference import Readings
 from mercator_design.jit import compiled
 from mercator_design.missions.trace import every_nth
+from mercator_design.modules.reference import Readings
 from mercator_design.sim.kernels.measuring import (
     add_noise,
     fill_clusters,

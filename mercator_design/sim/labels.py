@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats
 from mercator_design.config.colours import COLOURS, LABELS, RGB, ColourName
-from mercator_design.fsm.perception import nearest_label
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Floor
+from mercator_design.modules.perception import nearest_label
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Gaussian, Ground
 

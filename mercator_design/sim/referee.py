@@ -9,8 +9,8 @@ import pymunk
 
 from mercator_design.arrays import Floats
 from mercator_design.fsm.pfsm import Program
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.scene import Physics, Scene
 from mercator_design.sim.kernels.swarm import History, Swarm

@@ -17,8 +17,8 @@ from mercator_design.config.loading import read
 from mercator_design.config.schema import FieldError, Range, checked
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
-from mercator_design.fsm.modules import SENSES
-from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.modules.module import SENSES
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.sim.fields import found_at, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,

@@ -7,13 +7,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from mercator_design.errors import FsmError, MissionError, SimulationError
-from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, Program, State
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.module import Module
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.seeds import generator
 from mercator_design.sim.checks.impossible import MissionWarning, mission_warnings
 from mercator_design.sim.devices import Recording

@@ -4,11 +4,11 @@ import re
 
 from hypothesis import strategies as st
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.reference import Readings
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import Module, numbered
+from mercator_design.modules.reference import Readings
 
 CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
 READINGS = st.builds(

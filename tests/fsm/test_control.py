@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mercator_design.fsm import Controller, Readings, Wheels, parse
 from mercator_design.fsm.control import DRAWS, MEMORY, STATE, control_cycle
-from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.modules.reference import ReferenceModel
 from tests.fsm.strategies import DRAW, READINGS, pfsms
 
 NEVER = [0.999999] * DRAWS  # fires nothing below probability one

@@ -15,15 +15,15 @@ from jsonschema import Draft202012Validator
 from mercator_design.config.json_schema import json_schema
 from mercator_design.config.schema import parameters_of
 from mercator_design.errors import FsmError
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text, read_fsm
-from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
-from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS
 from mercator_design.fsm.words.names import state_names
 from mercator_design.fsm.yaml_form import NamedPfsm, parse_yaml
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS
+from mercator_design.modules.module import numbered
+from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS
 from tests.fsm.strategies import OF_NAME, WORD, pfsms
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())

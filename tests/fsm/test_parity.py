@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mercator_design.fsm.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
-from mercator_design.fsm.clustering import lidar_neighbours, neighbours_in_hits
-from mercator_design.fsm.conditions import CONDITIONS, colour_label, ground_level, logistic, probability
 from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
-from mercator_design.fsm.perception import (
+from mercator_design.jit import compiled
+from mercator_design.modules.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
+from mercator_design.modules.clustering import lidar_neighbours, neighbours_in_hits
+from mercator_design.modules.conditions import CONDITIONS, colour_label, ground_level, logistic, probability
+from mercator_design.modules.perception import (
     gray_level,
     ground_by_vote,
     light_direction,
@@ -21,8 +22,7 @@ from mercator_design.fsm.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.fsm.reference import NonNegative, ReferenceModel
-from mercator_design.jit import compiled
+from mercator_design.modules.reference import NonNegative, ReferenceModel
 from mercator_design.sim.simulate import program_arrays
 from tests.fsm.strategies import DRAW, READINGS, pfsms, values
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mercator_design.designer import flavour_space, mission_space
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.space.grammar import modules_of, to_pfsm
 from mercator_design.fsm.space.simple import drawn_values, simple_machines
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import COLOUR_LABELS
 from mercator_design.race.space.parameter import key_of
 from mercator_design.sim.simulate import Simulator
 

@@ -7,10 +7,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mercator_design.designer import flavour_space
-from mercator_design.fsm.conditions import COLOUR_LABELS
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
+from mercator_design.modules.conditions import COLOUR_LABELS
 from tests.fsm.strategies import pfsms
 
 GREEN, BLUE = (float(COLOUR_LABELS.index(name)) for name in ("green", "blue"))

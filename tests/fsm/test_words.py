@@ -11,8 +11,8 @@ from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import KnownSwarm, module_words, with_parameters
 from mercator_design.fsm.words.names import state_names
+from mercator_design.modules.words import KnownSwarm, module_words, with_parameters
 from tests.fsm.strategies import pfsms
 from tests.fsm.test_structure import renumbered
 

@@ -24,11 +24,11 @@ from mercator_design.command import print_message
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm import parse
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions import plugins
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.module import numbered
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.elimination.summary import Elite, Progress
 from mercator_design.race.session import events

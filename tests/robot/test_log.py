@@ -16,11 +16,11 @@ from mercator_design.config.checked_lines import to_line
 from mercator_design.config.colours import COLOURS
 from mercator_design.errors import RobotError, RobotStopped, Signalled
 from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
-from mercator_design.fsm.modules import numbered
 from mercator_design.jit import compiled
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import numbered
 from mercator_design.robot.cli import VERBS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted

@@ -9,7 +9,7 @@ import pytest
 
 from mercator_design.errors import RobotError, RobotStopped
 from mercator_design.fsm import Readings, ReferenceModel, Wheels
-from mercator_design.fsm.perception import proximity_weight
+from mercator_design.modules.perception import proximity_weight
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
 from mercator_design.robot.devices.samples import SERVICE_OF, STREAMED, converted

@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.turning import ROBOTS, perceived
 from mercator_design.fsm import ReferenceModel
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
 from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet, correction
 

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 
 import mercator_design as md
 from mercator_design.errors import MissionError
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.files import read_fsm
-from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import numbered
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.serve.desk.desk import Busy
 from mercator_design.serve.desk.machines import Machines, compared, replays, run_part

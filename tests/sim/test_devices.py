@@ -9,8 +9,8 @@ import pytest
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
-from mercator_design.fsm.perception import ground_by_vote, light_direction, nearest_label, perceive
 from mercator_design.missions.trace import every_nth
+from mercator_design.modules.perception import ground_by_vote, light_direction, nearest_label, perceive
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, PARTS, Recording
 from mercator_design.sim.kernels.noise import LIDAR_DRAWS, draw, noise

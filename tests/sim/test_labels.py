@@ -14,8 +14,8 @@ from mercator_design.config.schema import FieldError
 from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
-from mercator_design.fsm.perception import nearest_label
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.perception import nearest_label
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.show.text.summary import describe
 from mercator_design.sim.checks.no_effect import dead_transitions

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.conditions import CONDITIONS
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Uniform

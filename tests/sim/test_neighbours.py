@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mercator_design.fsm import parse
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, LidarNeighbours, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator

@@ -12,8 +12,8 @@ from PIL import Image
 from mercator_design.cli import cli
 from mercator_design.config import shipped
 from mercator_design.fsm import parse
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.conditions import CONDITIONS
 from mercator_design.sim.checks.no_effect import can_fire, floor_warnings, model_warnings, no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.twin_perception import decisions, perception, run
-from mercator_design.fsm.behaviours import BEHAVIOURS
+from mercator_design.modules.behaviours import BEHAVIOURS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.log import controller_of, to_lines
 from tests.robot.log_events import read

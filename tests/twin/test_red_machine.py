@@ -8,8 +8,8 @@ from benchmarks.twin_stepped import stepped_run
 from benchmarks.two_samples import mann_whitney
 from mercator_design.config.colours import COLOURS
 from mercator_design.fsm import parse
-from mercator_design.fsm.conditions import COLOUR_LABELS, colour_label
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.conditions import COLOUR_LABELS, colour_label
 from mercator_design.sim.simulate import Simulator
 from mercator_design.twin.arena import TwinArena
 from tests.sim.test_labels import SEEK_RED

@@ -22,8 +22,8 @@ from benchmarks.twin_agreement import (
 )
 from benchmarks.twin_runs import Track, twin_was_late
 from benchmarks.twin_stepped import stepped_run
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
 from mercator_design.twin.arena import TwinArena
 
 pytestmark = pytest.mark.together("kernels")  # compiled once

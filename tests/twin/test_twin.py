@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mercator_design.fsm.clustering import lidar_neighbours
+from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr_streaming import StreamData, streaming
 from mercator_design.robot.protocols.ydlidar import Packet, Turns, encode_command

@@ -10,7 +10,7 @@ from mercator_design.config.loading import parse
 from mercator_design.config.schema import Kind, Positive, Range
 from mercator_design.errors import FsmError, MercatorError
 from mercator_design.fsm.files import FsmFile
-from mercator_design.fsm.words.modules import KnownSwarm
+from mercator_design.modules.words import KnownSwarm
 from mercator_design.robot.devices.settings import CONTROL_PERIOD
 
 

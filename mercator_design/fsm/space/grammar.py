@@ -10,9 +10,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import (
     MAX_STATES,
     MAX_TRANSITIONS,
@@ -22,6 +19,9 @@ from mercator_design.fsm.pfsm import (
     absolute_target,
     relative_target,
 )
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import Module, ModuleParameter, numbered
 
 Value = int | float | str
 """Numbers of modules are text, as they are categories; all else is a number."""

@@ -7,11 +7,11 @@ does not have, no behaviour that follows a light where there is none.
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import COLOUR_LABELS
-from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import modules_of, value_at
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import COLOUR_LABELS
+from mercator_design.modules.module import Module
 
 T = TypeVar("T")
 

@@ -8,10 +8,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from mercator_design.fsm.modules import Module, ModuleParameter
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import Value, from_states, modules_of, place_of, to_states, value_at
 from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, kinds, simple_machines
+from mercator_design.modules.module import Module, ModuleParameter
 
 T = TypeVar("T")
 

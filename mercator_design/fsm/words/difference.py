@@ -7,7 +7,7 @@ from typing import Literal
 
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.structure import canonical
-from mercator_design.fsm.words.modules import named_values, with_parameters
+from mercator_design.modules.words import named_values, with_parameters
 
 Kind = Literal["same", "renumbered", "equivalent", "different"]
 

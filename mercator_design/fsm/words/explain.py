@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.modules import KnownSwarm, module_words, robots_words, with_parameters
+from mercator_design.modules.words import KnownSwarm, module_words, robots_words, with_parameters
 
 
 def explanation(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> str:

@@ -16,11 +16,11 @@ from mercator_design.config.schema import Length, Range
 from mercator_design.config.writing import plain
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.modules import Module, numbered
 from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.module import Module, numbered
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, in_order

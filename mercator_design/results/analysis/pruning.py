@@ -1,9 +1,9 @@
 """Counts the modules of a PFSM, and removes elements from it."""
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, Transition
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import numbered
 
 Element = tuple[int, int | None]
 """A state, or a transition of it, by their numbers."""

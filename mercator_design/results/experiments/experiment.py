@@ -12,10 +12,10 @@ from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.errors import MissionError, SimulationError
 from mercator_design.fsm.control import Controller
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.reference import Readings
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.reference import Readings
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator

@@ -8,7 +8,7 @@ import click
 from mercator_design.command import FILE, print_message, print_result
 from mercator_design.errors import RobotError
 from mercator_design.fsm import Pfsm
-from mercator_design.fsm.conditions import ground_level
+from mercator_design.modules.conditions import ground_level
 from mercator_design.robot.logs.log import Decision
 from mercator_design.robot.logs.log import replay as decisions
 

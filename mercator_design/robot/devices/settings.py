@@ -12,8 +12,8 @@ from mercator_design.config.loading import parse
 from mercator_design.config.schema import FieldError, Length, Name, Range, checked
 from mercator_design.config.yaml_tree import FromFile, text_of
 from mercator_design.errors import FsmError, SettingsError, excerpt
-from mercator_design.fsm.perception import nearest_label
-from mercator_design.fsm.reference import ReferenceModel
+from mercator_design.modules.perception import nearest_label
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.robot.devices.ports import PortNames
 from mercator_design.robot.devices.sweep import covered
 

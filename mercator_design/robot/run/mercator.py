@@ -11,7 +11,7 @@ import serial
 
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
-from mercator_design.fsm.reference import Readings, Wheels
+from mercator_design.modules.reference import Readings, Wheels
 from mercator_design.robot.devices.link import Heard, Link, error_remedy, words
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.settings import Settings

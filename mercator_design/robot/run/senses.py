@@ -1,6 +1,6 @@
 """A robot's perception from the events of its devices, without ports and clocks.
 
-fsm/perception.py makes readings of measurements, in simulation and on the robot.
+modules/perception.py makes readings of measurements, in simulation and on the robot.
 """
 
 import math
@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from mercator_design.config.colours import COLOURS, RGB, ColourName
 from mercator_design.errors import RobotError
-from mercator_design.fsm.clustering import lidar_neighbours
-from mercator_design.fsm.perception import perceive, proximity_weight
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.modules.clustering import lidar_neighbours
+from mercator_design.modules.perception import perceive, proximity_weight
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.robot.devices.health import LineHealth, percent
 from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.ports import DEVICES, DeviceName

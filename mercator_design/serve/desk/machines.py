@@ -11,8 +11,8 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import KnownSwarm
 from mercator_design.fsm.yaml_form import parse_yaml
+from mercator_design.modules.words import KnownSwarm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.experiments.experiment import ShownExperiment

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 
 from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.modules import parameters_words
 from mercator_design.fsm.words.names import state_names
+from mercator_design.modules.words import parameters_words
 from mercator_design.results.analysis.occupancy import Occupancy
 from mercator_design.show.machines.layout import LINE, Arrow, Extent, Layout, laid_out
 from mercator_design.show.markup import escaped

@@ -1,8 +1,8 @@
 """A PFSM in the notations of other programs: Graphviz, Mermaid, TikZ."""
 
-from mercator_design.fsm.modules import Module
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.modules import parameters_words
+from mercator_design.modules.module import Module
+from mercator_design.modules.words import parameters_words
 
 
 def to_dot(pfsm: Pfsm) -> str:

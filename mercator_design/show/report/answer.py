@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
-from mercator_design.fsm.words.modules import KnownSwarm, module_words, robots_words
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.words import KnownSwarm, module_words, robots_words
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.results.analysis.occupancy import occupancy
 from mercator_design.results.analysis.proof import Proof

@@ -9,8 +9,8 @@ from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.fsm.words.modules import with_parameters
 from mercator_design.missions.plugins import plugins
+from mercator_design.modules.words import with_parameters
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.task import RaceResult, Task
 from mercator_design.race.session.view import RaceView

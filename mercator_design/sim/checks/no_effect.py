@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from mercator_design.config.colours import COLOURS, RGB, Colour, ColourName
-from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS
-from mercator_design.fsm.modules import Module, numbered
-from mercator_design.fsm.perception import gray_level, ground_by_vote
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.reference import Readings
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS
+from mercator_design.modules.module import Module, numbered
+from mercator_design.modules.perception import gray_level, ground_by_vote
+from mercator_design.modules.reference import Readings
 from mercator_design.sim.labels import floor_labels, label_of, misread, simulated_labels
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import Neighbours

@@ -13,11 +13,11 @@ then each robot senses and decides. So a command moves the robot one cycle later
 import math
 
 from mercator_design.fsm.control import DRAWS, STATE, control_cycle
-from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
 from mercator_design.fsm.pfsm import Program
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
+from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
     Bridge,

@@ -7,10 +7,10 @@ the array that is its last argument, with one row for each requested cycle.
 import math
 
 from mercator_design.arrays import Floats, Keys, Numbers
-from mercator_design.fsm.clustering import neighbours_in_hits
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
+from mercator_design.modules.clustering import neighbours_in_hits
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.sim.kernels.lidar import scan
 from mercator_design.sim.kernels.noise import noise
 from mercator_design.sim.kernels.scene import Scene

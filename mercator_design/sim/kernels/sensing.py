@@ -2,9 +2,11 @@
 
 import math
 
-from mercator_design.fsm.clustering import neighbours_in_hits
-from mercator_design.fsm.modules import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
-from mercator_design.fsm.perception import (
+from mercator_design.jit import jittable
+from mercator_design.missions.floor_kernels import colour_at
+from mercator_design.modules.clustering import neighbours_in_hits
+from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.modules.perception import (
     gray_level,
     ground_by_vote,
     light_direction,
@@ -12,9 +14,7 @@ from mercator_design.fsm.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.fsm.reference import Readings, ReferenceModel
-from mercator_design.jit import jittable
-from mercator_design.missions.floor_kernels import colour_at
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import scan_near
 from mercator_design.sim.kernels.noise import (
     GROUND_DRAWS,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Keys, Numbers
 from mercator_design.fsm.control import DRAWS, MEMORY
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from mercator_design.config.schema import comments_of, origin_of, parameters_of, unit_of
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
-from mercator_design.fsm.modules import Module, ModuleParameter, numbered
 from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS
-from mercator_design.fsm.words.modules import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import Module, ModuleParameter, numbered
+from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
 from mercator_design.serve.http.schemas import MAX_SEED, Body, Flavour, Identity, MissionGiven, one_of
 
 MAX_FSMS = 6

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 from mercator_design.config.schema import unit_of
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import COLOUR_LABELS, CONDITIONS, logistic
-from mercator_design.fsm.modules import Module
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS, logistic
+from mercator_design.modules.module import Module
 
 Words = Callable[..., str]
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.conditions import (
+from mercator_design.modules.conditions import (
     COLOUR_LABELS,
     black_floor,
     colour_label,
@@ -16,7 +16,7 @@ from mercator_design.fsm.conditions import (
     neighbours_count,
     white_floor,
 )
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import Readings, ReferenceModel
 
 MODEL = ReferenceModel()
 BETA = 0.7

@@ -12,10 +12,10 @@ of the published AutoMoDe source; docs/explanation/paper-and-code.md has all dif
 import math
 from collections.abc import Callable
 
-from mercator_design.fsm.modules import Module, ModuleParameter
-from mercator_design.fsm.perception import Row
-from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
 from mercator_design.jit import dispatcher, jittable
+from mercator_design.modules.module import Module, ModuleParameter
+from mercator_design.modules.perception import Row
+from mercator_design.modules.reference import Readings, ReferenceModel, Wheels
 
 TURN_CYCLES, TURN_SIDE = 2, 3
 """Places in `memory`: cycles that exploration still has to turn; the side it turns to (+1 left, -1 right)."""

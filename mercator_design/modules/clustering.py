@@ -7,9 +7,9 @@ end of a turn, which the original did not allow.
 
 import math
 
-from mercator_design.fsm.perception import MutableRow, Row
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import jittable
+from mercator_design.modules.perception import MutableRow, Row
+from mercator_design.modules.reference import ReferenceModel
 
 
 def lidar_neighbours(

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.clustering import lidar_neighbours, neighbours_in_hits
-from mercator_design.fsm.reference import ReferenceModel
 from mercator_design.jit import compiled
+from mercator_design.modules.clustering import lidar_neighbours, neighbours_in_hits
+from mercator_design.modules.reference import ReferenceModel
 
 MODEL = ReferenceModel()
 BEAMS = 719

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.behaviours import (
+from mercator_design.fsm.control import MEMORY
+from mercator_design.modules.behaviours import (
     TURN_CYCLES,
     anti_phototaxis,
     attraction,
@@ -14,8 +15,7 @@ from mercator_design.fsm.behaviours import (
     stop,
     wheels_from_vector,
 )
-from mercator_design.fsm.control import MEMORY
-from mercator_design.fsm.reference import Readings, ReferenceModel, Wheels
+from mercator_design.modules.reference import Readings, ReferenceModel, Wheels
 
 MODEL = ReferenceModel()
 ALPHA = (3.0, 0.0)

@@ -3,8 +3,8 @@
 import math
 from typing import Any, Protocol
 
-from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import jittable
+from mercator_design.modules.reference import Readings, ReferenceModel
 
 
 class Row(Protocol):

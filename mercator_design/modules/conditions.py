@@ -7,10 +7,10 @@ touch a generator. Sources as in behaviours.py.
 import math
 from collections.abc import Callable
 
-from mercator_design.fsm.modules import Module, ModuleParameter
-from mercator_design.fsm.perception import Row, gray_level
-from mercator_design.fsm.reference import Readings, ReferenceModel
 from mercator_design.jit import dispatcher, jittable
+from mercator_design.modules.module import Module, ModuleParameter
+from mercator_design.modules.perception import Row, gray_level
+from mercator_design.modules.reference import Readings, ReferenceModel
 
 COLOUR_LABELS = ("green", "blue", "red", "yellow")
 """What the label parameter of the colour condition means."""

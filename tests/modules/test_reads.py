@@ -4,11 +4,11 @@ import random
 
 import pytest
 
-from mercator_design.fsm.behaviours import BEHAVIOURS
-from mercator_design.fsm.conditions import CONDITIONS
 from mercator_design.fsm.control import MEMORY
-from mercator_design.fsm.modules import SENSES
-from mercator_design.fsm.reference import Readings, ReferenceModel
+from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import SENSES
+from mercator_design.modules.reference import Readings, ReferenceModel
 
 
 class Watched:

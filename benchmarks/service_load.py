@@ -242,14 +242,14 @@ def kill(number: int, kills: int, budget: int, seed: int) -> None:
         for one in range(number):
             submit(service.url, one, budget)
         n_kills, backwards, before = 0, 0, dict[str, str]()
-        while n_kills < kills and any(job["state"] not in ("succeeded", "failed") for job in service.jobs()):
+        while n_kills < kills and any(job["state"] not in ("finished", "failed") for job in service.jobs()):
             time.sleep(luck.uniform(0.0, 4.0))
             before = {str(job["id"]): str(job["state"]) for job in service.jobs()}
             service.kill()
             n_kills += 1
             service.start()
             now = {str(job["id"]): str(job["state"]) for job in service.jobs()}
-            backwards += sum(state == "succeeded" != now[one] for one, state in before.items())
+            backwards += sum(state == "finished" != now[one] for one, state in before.items())
         found = _winners(service)
         journals = sorted(service.data.glob("*/journal.jsonl"))
         ends = [_ends(journal) for journal in journals]

@@ -79,7 +79,7 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     assert [events[0]["event"], events[-1]["event"]] == ["start", "end"]
     assert sum(event["event"] == "experiment" for event in events) == 60
     assert "iteration 1 ended" in progress
-    assert f"{job}: succeeded, 60 of 60 experiments, best " in progress
+    assert f"{job}: finished, 60 of 60 experiments, best " in progress
     code, out, err = client("fetch", job)
     assert (code, out) == (0, "")
     assert client("runs", "verify", job)[0] == 0
@@ -132,7 +132,7 @@ def test_jobs(client, done):
     code, out, _ = client("jobs", "--json")
     assert code == 0
     assert done in [job["id"] for job in json.loads(out)]
-    code, out, _ = client("jobs", "--state", "succeeded", "--text", done)
+    code, out, _ = client("jobs", "--state", "finished", "--text", done)
     assert code == 0
     head, line = out.splitlines()
     assert head.split()[:2] == ["job", "mission"]
@@ -282,7 +282,7 @@ class TestLostConnections:
             lambda _: httpx.Response(503, json={"errors": ["busy"]}),
             lambda request: self.stream(request, 5, 9),
             lambda _: httpx.ReadTimeout("silent"),
-            lambda request: self.stream(request, 9, self.EVENTS, "succeeded"),
+            lambda request: self.stream(request, 9, self.EVENTS, "finished"),
         )
         assert found == [*range(1, self.EVENTS + 1)]
         assert waited == [0.5, 1.0, 2.0, 5.0, 0.5, 1.0]
@@ -291,7 +291,7 @@ class TestLostConnections:
     def test_too_many_streams_are_waited_for(self):
         found, waited, announced = self.follow(
             lambda _: httpx.Response(429, json={"errors": ["expected at most 40 event streams"]}),
-            lambda request: self.stream(request, 0, self.EVENTS, "succeeded"),
+            lambda request: self.stream(request, 0, self.EVENTS, "finished"),
         )
         assert (len(found), waited) == (self.EVENTS, [0.5])
         assert announced == ["expected at most 40 event streams; trying again"]

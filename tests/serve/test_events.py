@@ -47,7 +47,7 @@ def test_all_events_of_a_race_that_has_ended(ann, quiet, ended):
     *raced, last = parsed(answer.text)
     assert [data for _, data, _ in raced] == journal_of(quiet, ended)
     assert all(kind == data["event"] for kind, data, _ in raced)
-    assert (last[0], last[1]["state"], last[1]["id"]) == ("state", "succeeded", ended)
+    assert (last[0], last[1]["state"], last[1]["id"]) == ("state", "finished", ended)
     assert last[2] == (quiet.folder(ended) / "journal.jsonl").stat().st_size
 
 

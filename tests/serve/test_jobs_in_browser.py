@@ -92,7 +92,7 @@ def test_a_job_is_followed_to_its_end_and_replayed_meanwhile(page, live):
     live.race(job)
     live.processes[job].code = 0
     live.tick()
-    page.wait_for("document.querySelector('#now').dataset.state === 'succeeded'")
+    page.wait_for("document.querySelector('#now').dataset.state === 'finished'")
     page.wait_for("(document.querySelector('#answer')?.innerText || '').includes('The winner')")
     page.wait_for(f"document.querySelector('#files a[href=\"/api/v1/jobs/{job}/files/fsm.txt\"]')")
     assert page.evaluate("window.isSame")

@@ -27,7 +27,7 @@ def test_a_job_runs_to_its_end(house):
     house.time += 10
     house.finish(job)
     row = house.row(job)
-    assert (row.state, row.message, row.experiments) == ("succeeded", "", BUDGET)
+    assert (row.state, row.message, row.experiments) == ("finished", "", BUDGET)
     assert row.best is not None
     assert row.seconds == pytest.approx(11.0)
     assert row.ended
@@ -98,7 +98,7 @@ def test_a_job_that_ends_while_it_is_cancelled_has_succeeded(house):
     house.tick()
     house.jobs.cancel(job)
     house.finish(job)
-    assert house.state(job) == "succeeded"
+    assert house.state(job) == "finished"
 
 
 def test_a_process_that_does_not_stop_is_killed(house):
@@ -130,7 +130,7 @@ def test_changes_of_a_job_do_not_read_its_journal(house, monkeypatch):
     house.finish(done)
     before, ended = house.row(job), house.row(done)
     assert (before.state, before.priority, before.shared) == ("paused", 3, True)
-    assert ended.state == "succeeded"
+    assert ended.state == "finished"
     with monkeypatch.context() as patch:
         patch.delattr(Reading, "read_on")
         assert house.jobs.change(job, priority=1) == replace(before, priority=1)
@@ -161,7 +161,7 @@ def test_a_report_that_was_interrupted_is_written_later(house, by):
     assert house.started == [job, job]
     assert not house.row(job).ended
     house.end(job, 0)
-    assert house.state(job) == "succeeded"
+    assert house.state(job) == "finished"
     assert house.row(job).ended
 
 
@@ -294,12 +294,12 @@ def test_crash_and_restart(house):
     house.tick()
     house.race(half, lines=30)
     house.crash()
-    assert [house.state(one) for one in (done, half, waiting)] == ["succeeded", "queued", "queued"]
+    assert [house.state(one) for one in (done, half, waiting)] == ["finished", "queued", "queued"]
     house.tick()
     house.finish(house.started[-1])
     house.tick()
     house.finish(house.started[-1])
-    assert [house.state(one) for one in (done, half, waiting)] == ["succeeded"] * 3
+    assert [house.state(one) for one in (done, half, waiting)] == ["finished"] * 3
     assert house.started.count(done) == 1
 
 
@@ -334,7 +334,7 @@ def test_index_deleted_or_damaged(house):
         house.open()
         found = {row.id: (row.state, row.best, row.owner, row.submitted) for row in house.index.all()}
         assert found.keys() == {row.id for row in rows}
-        assert found[jobs[0]][:2] == ("succeeded", rows[[row.id for row in rows].index(jobs[0])].best)
+        assert found[jobs[0]][:2] == ("finished", rows[[row.id for row in rows].index(jobs[0])].best)
 
 
 def test_disk_full_and_space_again(furnished):
@@ -378,7 +378,7 @@ def test_races_are_looked_after_when_the_free_space_cannot_be_read(tmp_path, rac
     house.tick()
     house.is_readable = False
     house.finish(job)
-    assert house.state(job) == "succeeded"
+    assert house.state(job) == "finished"
     assert house.started == [job, other]
     assert sum("Input/output error" in message for message in caplog.messages) == 1
     house.index.close()
@@ -418,7 +418,7 @@ def test_the_end_of_a_race_is_noted_when_there_is_space(house, monkeypatch):
         told = house.row(first)
         assert (told.state, told.message) == ("paused", "waits until there is space on the disk")
     house.tick()
-    assert house.state(first) == "succeeded"
+    assert house.state(first) == "finished"
     house.index.close()
 
 
@@ -600,7 +600,7 @@ def test_a_run_folder_that_cannot_be_deleted_stays_with_its_job(house, monkeypat
         with pytest.raises(OSError, match="Permission denied"):
             house.jobs.delete(job)
     assert house.store.read(job).owner == "ann"
-    assert house.state(job) == "succeeded"
+    assert house.state(job) == "finished"
 
 
 def test_a_damaged_job_does_not_hold_up_others(furnished):
@@ -616,10 +616,10 @@ def test_a_damaged_job_does_not_hold_up_others(furnished):
     file.write_text(json.dumps({"format": 2}))
     house.tick()
     house.finish(other)
-    assert house.state(other) == "succeeded"
+    assert house.state(other) == "finished"
     file.write_text(before)
     house.finish(running)
-    assert house.state(running) == "succeeded"
+    assert house.state(running) == "finished"
     house.crash()
     assert house.state(waiting) == "failed"
 
@@ -675,7 +675,7 @@ def test_old_run_folders_are_shown(house, raced):
     rows = {row.id: row for row in house.index.all()}
     assert rows.keys() == {"old run", "damaged", "device"}
     old = rows["old run"]
-    assert (old.state, old.owner, old.is_job, old.name) == ("succeeded", "", False, "aggregation")
+    assert (old.state, old.owner, old.is_job, old.name) == ("finished", "", False, "aggregation")
     assert (old.experiments, old.budget, old.direction) == (BUDGET, BUDGET, "maximise")
     assert rows["damaged"].state == rows["device"].state == "failed"
     for operation in (house.jobs.pause, house.jobs.resume, house.jobs.cancel, house.jobs.delete):
@@ -698,7 +698,7 @@ def test_run_folders_come_run_and_go_while_the_service_runs(house, raced):
     assert house.state("new") in ("paused", "failed")
     journal.write_bytes(whole)
     house.tick(5)
-    assert house.state("new") == "succeeded"
+    assert house.state("new") == "finished"
     shutil.rmtree(folder)
     house.tick(5)
     assert house.row("new") is None

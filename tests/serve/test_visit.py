@@ -64,7 +64,7 @@ def test_from_the_login_to_the_fsm(page, lab):
     job = page.evaluate("decodeURIComponent(location.pathname.slice(6))")
 
     # its race is followed to its end, and its winner replayed
-    page.wait_for("document.querySelector('#now')?.dataset.state === 'succeeded'")
+    page.wait_for("document.querySelector('#now')?.dataset.state === 'finished'")
     page.wait_for("document.getElementById('watch') && !document.getElementById('watch').hidden")
     page.evaluate("document.getElementById('watch').click()")
     page.wait_for("document.querySelector('#stage canvas')")

@@ -23,7 +23,7 @@ def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
 
     After a lost connection, it continues where it was. Ctrl-C ends this command only, not the job.
 
-    Exit codes: 0, the job has succeeded; 1, it has failed or was cancelled, or the service refuses.
+    Exit codes: 0, the job has finished; 1, it has failed or was cancelled, or the service refuses.
     """
 
     def each(received: JobEvent) -> None:
@@ -32,7 +32,7 @@ def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
 
     with connected(server) as connection:
         job_at_end = following.follow(connection, job, progress, announce=print_message, each=each)
-        if job_at_end.get("state") != "succeeded":
+        if job_at_end.get("state") != "finished":
             raise MercatorError(result(job_at_end))
         print_message(result(job_at_end))
         print_message(f"Its files: mdesign fetch {job}; its page: {connection.page(job)}")

@@ -10,7 +10,7 @@ from typing import Any
 from mercator_design.serve.database import database
 from mercator_design.serve.jobs.job import State, Wish
 
-_VERSION = 3
+_VERSION = 4
 """Of the table; an index of another version is made again."""
 
 

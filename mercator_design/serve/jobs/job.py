@@ -10,9 +10,9 @@ from mercator_design.config.schema import Length, Name, OneOf, Range
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 
-State: TypeAlias = Literal["queued", "running", "paused", "succeeded", "failed", "cancelled"]
+State: TypeAlias = Literal["queued", "running", "paused", "finished", "failed", "cancelled"]
 STATES: tuple[State, ...] = get_args(State)
-ENDED: tuple[State, ...] = ("succeeded", "failed", "cancelled")
+ENDED: tuple[State, ...] = ("finished", "failed", "cancelled")
 """States in which nothing happens unless a user asks for it."""
 MAX_BUDGET, MAX_TESTS, MAX_PRIORITY, MAX_SEED = 10**9, 10**6, 100, 2**63 - 1
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
@@ -48,7 +48,7 @@ class Job:
     failure: str = ""  # why it failed
     seconds: float = 0.0  # its races have run so far [s]
     granted: float = 0.0  # `seconds` when a user let it go on: the time limit counts from there
-    ended: str = ""  # time at which it succeeded, failed or was cancelled
+    ended: str = ""  # time at which it finished, failed or was cancelled
     shared: bool = False  # whether all users may see it
 
 
@@ -66,5 +66,5 @@ def state_of(job: Job, *, is_finished: bool, is_running: bool) -> State:
     if job.failure:
         return "failed"
     if is_finished and job.ended:
-        return "succeeded"
+        return "finished"
     return {"run": "queued", "pause": "paused", "cancel": "cancelled"}[job.wish]  # type: ignore[return-value]

@@ -135,7 +135,7 @@ class Operations:
 
         if budget is None:
             return self._change(identity, "change", STATES, changes)
-        return self._go_on(identity, "extend", (*_OPEN, "succeeded", "failed"), changes)
+        return self._go_on(identity, "extend", (*_OPEN, "finished", "failed"), changes)
 
     def delete(self, identity: str) -> None:
         """Delete a job that does not run, with its run folder.
@@ -145,7 +145,7 @@ class Operations:
             OSError: It cannot be deleted.
         """
         with self._supervisor.locked:
-            self._expect(identity, "delete", ("queued", "paused", "succeeded", "failed", "cancelled"))
+            self._expect(identity, "delete", ("queued", "paused", "finished", "failed", "cancelled"))
             if is_locked(self._store.run_folder(identity) / JOURNAL):
                 raise NotPossible(f"{identity}: cannot delete it: another process runs its race")
             self._store.delete(identity)

@@ -18,7 +18,7 @@ from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 1024 * 1024  # bytes of a mission
-_STATES: dict[str, State] = {"running": "running", "finished": "succeeded", "stopped": "paused"}
+_STATES: dict[str, State] = {"running": "running", "finished": "finished", "stopped": "paused"}
 """States of jobs by those of run folders; others have failed."""
 
 
@@ -30,7 +30,7 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
         state = "failed"
     return IndexRow(
         id=job.id, owner=job.owner, name=job.name, state=state, wish=job.wish,
-        method=request.method, flavour=request.flavour, message="" if state == "succeeded" else job.failure or problem,
+        method=request.method, flavour=request.flavour, message="" if state == "finished" else job.failure or problem,
         seed=request.seed, budget=request.budget, priority=request.priority, direction=job.direction,
         experiments=status.view.n_experiments, best=status.view.best_score, tested=status.view.tested_score,
         submitted=job.submitted, ended=job.ended, seconds=job.seconds, shared=job.shared, key=job.key,
@@ -40,10 +40,10 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
 def changed_row(row: IndexRow, job: Job, *, is_running: bool) -> IndexRow:
     """The row of a job whose file was changed; its race is as it was."""
     request = job.request
-    is_finished = row.state == "succeeded" and row.budget >= request.budget
+    is_finished = row.state == "finished" and row.budget >= request.budget
     state = state_of(job, is_finished=is_finished, is_running=is_running)
     return replace(
-        row, state=state, wish=job.wish, message="" if state == "succeeded" else job.failure,
+        row, state=state, wish=job.wish, message="" if state == "finished" else job.failure,
         budget=request.budget, priority=request.priority, ended=job.ended, shared=job.shared,
     )  # fmt: skip
 

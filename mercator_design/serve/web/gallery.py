@@ -27,10 +27,10 @@ _MAX_SHOWN = 60
 def gallery(
     service: TheService, user: TheUser, text: Annotated[str, Query(max_length=200)] = "", own: bool = False
 ) -> HTMLResponse:
-    """Own and shared designs, and own and shared jobs that have succeeded."""
+    """Own and shared designs, and own and shared jobs that have finished."""
     whose = user.name if own else ""
     saved = service.designs.find(user.name, owner=whose, text=text)[:_MAX_SHOWN]
-    rows, _ = service.index.find(user.name, states=("succeeded",), owner=whose, text=text, limit=_MAX_SHOWN)
+    rows, _ = service.index.find(user.name, states=("finished",), owner=whose, text=text, limit=_MAX_SHOWN)
     cards = [
         *((one.created, _of_design(one, user)) for one in saved),
         *((row.ended or row.submitted, _of_job(row)) for row in rows),

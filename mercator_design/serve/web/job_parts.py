@@ -31,7 +31,7 @@ ACTIONS = (
     CANCEL,
 )
 DELETE = Action(
-    "Delete", "DELETE", "", ("queued", "paused", "succeeded", "failed", "cancelled"),
+    "Delete", "DELETE", "", ("queued", "paused", "finished", "failed", "cancelled"),
     "Delete this job with all its files? This cannot be undone.",
 )  # fmt: skip
 

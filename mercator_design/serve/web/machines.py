@@ -152,7 +152,7 @@ def _missions(offered: _Offered, chosen: str = "") -> Html:
 def _rivals(offered: _Offered) -> Html:
     """Options: winners of jobs, and saved designs, as `kind:id`."""
     jobs = [
-        (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'succeeded' else 'best so far'} of {one.id}")
+        (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'finished' else 'best so far'} of {one.id}")
         for one in offered.jobs
         if one.best is not None
     ]

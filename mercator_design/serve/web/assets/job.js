@@ -38,7 +38,7 @@
       });
     source.addEventListener("state", async (event) => {
       const job = JSON.parse(event.data);
-      if (!["succeeded", "failed", "cancelled"].includes(job.state)) return;
+      if (!["finished", "failed", "cancelled"].includes(job.state)) return;
       close(); // the service ends the stream with it
       for (const id of ["now", "race", "files", "about", "messages"]) await Live.refresh(id);
     });
@@ -84,7 +84,7 @@
   const named = () => {
     const { best } = at("race").dataset;
     at("replay").hidden = !best && showing === null;
-    const isEnded = at("now").dataset.state === "succeeded";
+    const isEnded = at("now").dataset.state === "finished";
     watch.hidden = !best || best === showing;
     watch.textContent = showing === null ? (isEnded ? "Replay the winner" : "Replay the best so far") : "Replay the new best";
   };

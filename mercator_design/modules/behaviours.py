@@ -25,12 +25,12 @@ TURN_CYCLES, TURN_SIDE = 2, 3
 def wheels_from_vector(model: ReferenceModel, x: float, y: float) -> Wheels:
     """Wheels that steer towards a vector: the outer one at full speed, the inner one at the cosine of the angle.
 
-    A vector shorter than `weakest_pull` counts as none: straight on.
+    A vector shorter than `weakest_pull` counts as none: straight on. The inner wheel keeps at least `slowest_wheel`.
     """
     length = math.sqrt(x * x + y * y)
     if length < model.weakest_pull:
         return Wheels(1.0, 1.0)
-    inner = x / length
+    inner = max(model.slowest_wheel, x / length)
     if y > 0.0:
         return Wheels(inner, 1.0)
     return Wheels(1.0, inner)

@@ -15,6 +15,9 @@ from mercator_design.modules.reference import Readings, ReferenceModel
 COLOUR_LABELS = ("green", "blue", "red", "yellow")
 """What the label parameter of the colour condition means."""
 
+_UNSIGNED = 2.0**32
+"""Difference between an unsigned number of 32 bits and the negative one that it was meant to be."""
+
 _LABEL_HUES = (2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0, 0.0, math.pi / 3.0)
 
 
@@ -31,6 +34,15 @@ def logistic(x: float) -> float:
         return 1.0 / (1.0 + math.exp(-x))
     e = math.exp(x)
     return e / (1.0 + e)
+
+
+@jittable
+def crowding(model: ReferenceModel, readings: Readings, xi: float, eta: float) -> float:
+    """The more neighbours the nearer to 1: 1 / (1 + exp(eta * (xi - n))) (eq. 20)."""
+    more = readings.neighbours - xi
+    if more > 0.0 and model.count_wraps != 0.0:
+        more -= _UNSIGNED
+    return logistic(eta * more)
 
 
 @jittable
@@ -81,16 +93,14 @@ def white_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> f
 
 @jittable
 def neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """The more neighbours the likelier: 1 / (1 + exp(eta * (xi - n))) (eq. 20)."""
-    xi, eta = parameters[0], parameters[1]
-    return logistic(eta * (readings.neighbours - xi))
+    """The more neighbours the likelier, as `crowding` says."""
+    return crowding(model, readings, parameters[0], parameters[1])
 
 
 @jittable
 def inverted_neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
     """The fewer neighbours the likelier: one minus the probability of `neighbours_count`."""
-    xi, eta = parameters[0], parameters[1]
-    return 1.0 - logistic(eta * (readings.neighbours - xi))
+    return 1.0 - crowding(model, readings, parameters[0], parameters[1])
 
 
 @jittable

@@ -12,6 +12,7 @@ Constant = Annotated[float, Range(-1e9, 1e9)]
 NonNegative = Annotated[float, Range(0.0, 1e9)]
 Positive = Annotated[float, Range(1e-6, 1e9)]
 Power = Annotated[float, Range(1e-6, 100.0)]
+Speed = Annotated[float, Range(-1.0, 1.0)]
 Step = Annotated[float, Range(0.0, 1000.0)]
 Cycles = Annotated[float, Range(0.0, 1000.0)]
 
@@ -91,6 +92,13 @@ class ReferenceModel(NamedTuple):
     weakest_pull: Positive = 0.1  # length of the sum of weighted vectors below which a robot drives straight on
     strength_step: Step = 0.0  # the strength alpha is rounded down to a multiple of it; 0: not rounded
     repulsion_power: Power = 1.0  # power of the strength alpha in repulsion
+    slowest_wheel: Speed = -1.0  # lowest speed of the inner wheel, of -1 to 1, where a robot steers towards a vector
+
+    # Neighbour counts. AutoMoDe-Maple subtracts without sign: a robot with more than xi neighbours counts as with none.
+    count_wraps: NonNegative = 0.0  # not 0: more neighbours than xi count as far fewer, unless eta is 0
+
+    # Behaviour trees. In AutoMoDe-Maple a Selector* whose children all fail succeeds.
+    starred_selector_succeeds: NonNegative = 0.0  # not 0: a Selector* succeeds if all its children fail
 
     # Floor, as gray level 0 to 255: black <= black_highest; gray_lowest < gray < gray_highest; white >= white_lowest.
     black_highest: NonNegative = 0.05 * 255  # gray level of 0 to 255 up to which the floor is black

@@ -42,6 +42,8 @@ ORIGINAL = ReferenceModel(
     gray_highest=160.0,
     white_lowest=220.0,
     hue_period=1e9,
+    slowest_wheel=-0.5,
+    count_wraps=1.0,
 )
 ZEROS = ReferenceModel(  # every constant that may be zero
     **{name: 0.0 for name, kind in ReferenceModel.__annotations__.items() if kind == NonNegative}

@@ -83,6 +83,14 @@ def test_a_weak_vector_counts_as_none():
     assert wheels_from_vector(MODEL, -0.1, 0.0) == Wheels(1, -1)  # straight behind: spin
 
 
+def test_the_inner_wheel_is_not_slower_than_the_slowest():
+    model = MODEL._replace(slowest_wheel=-0.5)
+    assert wheels_from_vector(model, -1.0, 0.0) == Wheels(1, -0.5)
+    assert wheels_from_vector(model, -0.8, 0.6) == Wheels(-0.5, 1)
+    assert wheels_from_vector(model, -0.4, 0.9) == wheels_from_vector(MODEL, -0.4, 0.9)  # faster than that
+    assert wheels_from_vector(model, 0.6, -0.8) == Wheels(1, 0.6)
+
+
 @pytest.mark.parametrize(
     ("behaviour", "readings", "vector"),
     [

@@ -110,6 +110,14 @@ def test_neighbour_conditions_are_the_papers_logistic(n, xi, eta):
         assert p == 0.5
 
 
+@pytest.mark.parametrize(("n", "p"), [(0, 0.047), (1, 0.119), (2, 0.269), (3, 0.5), (4, 0.0), (9, 0.0)])
+def test_counts_that_wrap_are_those_of_unsigned_numbers(n, p):
+    model, readings = MODEL._replace(count_wraps=1.0), Readings(neighbours=float(n))
+    assert neighbours_count(model, readings, (3, 1.0)) == pytest.approx(p, abs=5e-4)
+    assert inverted_neighbours_count(model, readings, (3, 1.0)) == pytest.approx(1 - p, abs=5e-4)
+    assert neighbours_count(model, readings, (3, 0.0)) == 0.5
+
+
 @given(st.floats(allow_nan=False))
 def test_logistic_is_a_probability_for_any_number(x):
     assert 0.0 <= logistic(x) <= 1.0

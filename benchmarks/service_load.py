@@ -3,8 +3,9 @@
     python benchmarks/service_load.py follow   200 clients follow 20 running jobs for 2 minutes, and reconnect
     python benchmarks/service_load.py submit   1000 submissions; the service is killed in the middle
     python benchmarks/service_load.py kill     20 jobs, 50 kills; the winners are those of undisturbed races
+    python benchmarks/service_load.py previews 30 users ask for previews at once; one asks while 3 have much work
 
-Each prints figures of one run, and exits with 1 if an event, a job or a winner is lost.
+Each prints figures of one run, and exits with 1 if an event, a job or a winner is lost, or a preview is refused.
 """
 
 import asyncio
@@ -27,6 +28,7 @@ import click
 import httpx
 
 from mercator_design.config.checked_lines import from_line
+from mercator_design.serve.accounts.users import Users
 
 SMALL = ["robots=2", "duration=2"]
 CHOSEN = ("aggregation", "foraging", "grid_exploration", "color_aggregation")
@@ -56,8 +58,8 @@ class Running:
         atexit.register(self.process.kill)
         for _ in range(600):
             try:
-                httpx.get(f"{self.url}/api/v1/jobs", timeout=30).raise_for_status()
-            except httpx.TransportError:
+                httpx.get(f"{self.url}/readyz", timeout=30).raise_for_status()
+            except httpx.HTTPError:
                 time.sleep(0.1)
             else:
                 return
@@ -271,6 +273,53 @@ def _winners(service: Running) -> dict[int, str]:
         text = file.read_text() if file.exists() else f"{job['state']}: {job['message']}"
         lines[int(str(job["seed"]))] = text.strip().rpartition("\n")[2]
     return lines
+
+
+@main.command()
+@click.option("--users", default=30)
+@click.option("--is-shared", is_flag=True, help="All of them use one token.")
+def previews(users: int, is_shared: bool) -> None:
+    """Ask for the previews of a class at once; then for one while three users have much work."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        tokens = [Users(data).add(f"user{number}") for number in range(1 if is_shared else users)]
+        groups = [Users(data).add(name) for name in ("ann", "bob", "carl")]
+        late = Users(data).add("dan")
+        service = Running(data, races=1)
+        print(f"the first preview: {asyncio.run(_preview(service.url, late, 0))[1]:.1f} s")
+        found = asyncio.run(_previews(service.url, [tokens[number % len(tokens)] for number in range(users)]))
+        times = [seconds for status, seconds in found if status == 200]
+        print(
+            f"{users} previews at once, {len(tokens)} users: {len(times)} served; median "
+            f"{statistics.median(times):.1f} s, longest {max(times):.1f} s"
+        )
+        status, seconds = asyncio.run(_beside(service.url, groups, late))
+        print(f"a preview while three users have 12, 12 and 6 previews at work or waiting: {status}, {seconds:.1f} s")
+        service.stop()
+    sys.exit(len(times) < users or status != 200)
+
+
+async def _preview(url: str, token: str, seed: int) -> tuple[int, float]:
+    """The status of the answer to a request for a preview, and the seconds that it took."""
+    headers, begin = {"Authorization": f"Bearer {token}"}, time.perf_counter()
+    body = {"mission": CHOSEN[seed % len(CHOSEN)], "seed": seed}
+    async with httpx.AsyncClient(timeout=300) as http:
+        answer = await http.post(f"{url}/api/v1/missions/preview", json=body, headers=headers)
+    return answer.status_code, time.perf_counter() - begin
+
+
+async def _previews(url: str, tokens: list[str]) -> list[tuple[int, float]]:
+    return await asyncio.gather(*(_preview(url, token, seed) for seed, token in enumerate(tokens, 1)))
+
+
+async def _beside(url: str, groups: list[str], late: str) -> tuple[int, float]:
+    """The answer to a late user, while the work of others waits."""
+    of_all = [token for token, number in zip(groups, (12, 12, 6), strict=True) for _ in range(number)]
+    others = asyncio.create_task(_previews(url, of_all))
+    await asyncio.sleep(1.0)
+    found = await _preview(url, late, 1000)
+    await others
+    return found
 
 
 def _ends(journal: Path) -> int:

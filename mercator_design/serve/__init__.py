@@ -6,7 +6,7 @@ database      SQLite files, which can be made again
 jobs/         jobs: their files, their index, who is next, the processes that run races
 accounts/     users, tokens, sessions, the guard in front of every request
 designs       FSMs that users keep
-desk/         short work in helper processes: previews, evaluations, replays, reports
+workers/      worker processes for short work: previews, evaluations, replays, reports
 service       puts the parts together
 http/         the HTTP API
 web/          the pages and their assets

@@ -13,7 +13,6 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from mercator_design import __version__
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
-from mercator_design.serve.desk.desk import ASKED_BY
 from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
@@ -23,8 +22,9 @@ from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web import machines as machine_pages
 from mercator_design.serve.web import missions as mission_pages
-from mercator_design.serve.web.kept import Kept
 from mercator_design.serve.web.layout import problem_page
+from mercator_design.serve.web.part_cache import PartCache
+from mercator_design.serve.workers.pool import CURRENT_USER
 
 THIS_MACHINE = Entrance()
 """Only this machine reaches the service."""
@@ -42,12 +42,12 @@ def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
 
 
 def _with_user(app: ASGIApp) -> ASGIApp:
-    """An application whose requests name their user, for the desk."""
+    """An application whose requests name their user, for the workers."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         user = scope["state"]["user"] if scope["type"] == "http" else None
         if user is not None:
-            ASKED_BY.set(user.name)
+            CURRENT_USER.set(user.name)
         await app(scope, receive, send)
 
     return answer
@@ -65,7 +65,7 @@ def application(service: Service) -> FastAPI:
         dependencies=[Depends(_TOKEN)],
     )
     app.state.service = service
-    app.state.kept = Kept(service.desk, service.settings.helpers)
+    app.state.kept = PartCache(service.workers, service.settings.workers)
     report_problems(app, problem_page)
     for room in (
         *(jobs, missions, events, files, system),

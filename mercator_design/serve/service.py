@@ -11,13 +11,13 @@ from typing import Self
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.designs import Designs
-from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.index import Index
 from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.settings import SERVICE, ServiceError, load_settings
+from mercator_design.serve.workers.pool import WorkerPool
 
 
 class Service:
@@ -52,11 +52,11 @@ class Service:
             self.supervisor = Supervisor(self.store, self.index, settings, Launcher(self.store, settings, self.cores))
             self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
             ends.callback(self.supervisor.stop)
-            self.desk = Desk(
-                settings.helpers, settings.helper_seconds, settings.helper_memory, settings.plugins, Path(empty)
+            self.workers = WorkerPool(
+                settings.workers, settings.worker_seconds, settings.worker_memory, settings.plugins, Path(empty)
             )
-            ends.callback(self.desk.close)
-            self.desk.check_plugins()
+            ends.callback(self.workers.close)
+            self.workers.check_plugins()
             self.supervisor.start()
             self._ends = ends.pop_all()
         return self

@@ -11,6 +11,8 @@ from mercator_design.errors import MercatorError
 FILE = "serve.yaml"
 SERVICE = ".service"
 """The folder in the data folder for all but run folders."""
+MAX_WORKERS = 64
+"""Processes for short work."""
 _Count = Annotated[int, Range(1)]
 _Megabytes = Annotated[int, Range(0)]
 
@@ -31,7 +33,7 @@ class UserLimits:
     running: _Count = 100  # of a user at the same time
     runs: _Count = 1000  # instances of an evaluation
     designs: _Count = 500  # of a user
-    requests: _Count = 60  # of a user that are answered at the same time, event streams apart
+    requests: _Count = 120  # of a user that are answered at the same time, event streams apart
     streams: _Count = 40  # of events, of a user at the same time
     disk: _Megabytes = 20_000  # of a user's jobs [MB]
     free_disk: _Megabytes = 200  # below it, races pause [MB]
@@ -44,9 +46,9 @@ class ServiceSettings:
     schema: Literal[1] = 1  # version of this format
     races: _Count = 1  # that run at the same time
     jobs: Annotated[int, Range(0)] = 0  # experiments of a race at the same time; 0: all cores, shared by the races
-    helpers: Annotated[int, Range(1, 64)] = 3  # processes for short work; a user has at most all but one
-    helper_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
-    helper_memory: Annotated[int, Range(600)] = 2000  # of a helper, above which such work is refused [MB]
+    workers: Annotated[int, Range(1, MAX_WORKERS)] = 3  # processes for short work; a user has at most all but one
+    worker_seconds: Annotated[float, Range(0.0, exclusive_low=True)] = 60.0  # after which such work is refused
+    worker_memory: Annotated[int, Range(600)] = 2000  # of a worker, above which such work is refused [MB]
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
     plugins: tuple[
         Annotated[str, FilePath()], ...

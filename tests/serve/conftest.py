@@ -5,10 +5,10 @@ import pytest
 from starlette.testclient import TestClient
 
 from mercator_design.serve.app import guarded
-from mercator_design.serve.desk.desk import Desk
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceSettings
+from mercator_design.serve.workers.pool import WorkerPool
 from tests.processes import LIMIT
 from tests.serve.races import BUDGET, House
 from tests.serve.serving import serving
@@ -62,11 +62,11 @@ def certificate(tmp_path_factory):
     return names
 
 
-class SharedDesk:
-    """A desk that outlives its services."""
+class SharedPool:
+    """A pool that outlives its services."""
 
-    def __init__(self, desk):
-        self.run = desk.run
+    def __init__(self, pool):
+        self.run = pool.run
 
     def check_plugins(self):
         pass
@@ -76,20 +76,20 @@ class SharedDesk:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def shared_helpers(tmp_path_factory):
-    """Services with the usual settings share one helper, slow to start; it has time on a busy machine."""
+def shared_workers(tmp_path_factory):
+    """Services with the usual settings share one worker, slow to start; it has time on a busy machine."""
     usual = ServiceSettings()
-    limits = (usual.helpers, usual.helper_seconds, usual.helper_memory, usual.plugins)
-    desk = Desk(1, LIMIT, usual.helper_memory, usual.plugins, tmp_path_factory.mktemp("helpers"))
+    limits = (usual.workers, usual.worker_seconds, usual.worker_memory, usual.plugins)
+    pool = WorkerPool(1, LIMIT, usual.worker_memory, usual.plugins, tmp_path_factory.mktemp("workers"))
 
-    def desk_of(*given):
-        return SharedDesk(desk) if given[:-1] == limits else Desk(*given)
+    def pool_of(*given):
+        return SharedPool(pool) if given[:-1] == limits else WorkerPool(*given)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mercator_design.serve.service.Desk", desk_of)
-        patch.setattr("mercator_design.serve.desk.desk.PATIENCE", LIMIT)
+        patch.setattr("mercator_design.serve.service.WorkerPool", pool_of)
+        patch.setattr("mercator_design.serve.workers.pool.MAX_WAIT", LIMIT)
         yield
-    desk.close()
+    pool.close()
 
 
 @pytest.fixture(scope="module")

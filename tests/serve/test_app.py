@@ -1,5 +1,5 @@
 from mercator_design.serve.app import application, openings
-from mercator_design.serve.desk.desk import ASKED_BY
+from mercator_design.serve.workers.pool import CURRENT_USER
 
 
 def test_the_list_of_jobs_is_empty_at_first(client):
@@ -15,7 +15,7 @@ def test_events_alone_are_event_streams(service):
 
 def test_the_desk_knows_who_asks_for_work(service, client, monkeypatch):
     asked = []
-    monkeypatch.setattr(service.desk, "run", lambda *_: asked.append(ASKED_BY.get()) or {})
+    monkeypatch.setattr(service.workers, "run", lambda *_: asked.append(CURRENT_USER.get()) or {})
     assert client.get("/api/v1/schema/mission").json() == {}
     assert asked == ["local"]
-    assert ASKED_BY.get() == ""
+    assert CURRENT_USER.get() == ""

@@ -3,7 +3,7 @@
 import pytest
 
 from mercator_design.config import shipped
-from mercator_design.serve.desk.completion import completions
+from mercator_design.serve.workers.completion import completions
 
 START = """schema: 1
 robots: 3

@@ -4,8 +4,11 @@ import asyncio
 import contextlib
 import socket
 import ssl
+import threading
 
 import pytest
+from anyio import to_thread
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import PlainTextResponse
 
 from mercator_design.serve.accounts.entrance import tls_of
@@ -325,3 +328,27 @@ class TestTls:
                 writer.close()
 
         asyncio.run(run())
+
+
+def test_requests_that_wait_for_a_worker_leave_threads_to_others():
+    go = threading.Event()
+
+    async def app(scope, receive, send):
+        text = "hello" if scope["path"] == "/" else await run_in_threadpool(lambda: go.wait(LIMIT) and "waited")
+        await run_in_threadpool(int)
+        await PlainTextResponse(text)(scope, receive, send)
+
+    async def run():
+        async with running(app=app) as (address, _):
+            waiting = [asyncio.create_task(answer(address, CLOSING.replace(b"/", b"/wait", 1))) for _ in range(60)]
+            async with asyncio.timeout(LIMIT):
+                while to_thread.current_default_thread_limiter().borrowed_tokens < 60:  # noqa: ASYNC110 - no event
+                    await asyncio.sleep(0.001)
+            assert (await answer(address, CLOSING)).endswith(b"hello")
+            go.set()
+            return await asyncio.gather(*waiting)
+
+    try:
+        assert all(one.endswith(b"waited") for one in asyncio.run(run()))
+    finally:
+        go.set()

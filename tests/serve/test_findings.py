@@ -6,8 +6,8 @@ from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_FILE_SIZE
 from mercator_design.errors import MissionError
 from mercator_design.missions.mission import parse_mission
-from mercator_design.serve.desk.findings import findings, without_folders
-from mercator_design.serve.desk.outline import Outline
+from mercator_design.serve.workers.findings import findings, without_folders
+from mercator_design.serve.workers.outline import Outline
 
 TEXT = shipped.missions()["foraging"].read_text()
 MISTAKES = [

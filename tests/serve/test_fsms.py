@@ -14,11 +14,11 @@ from mercator_design.modules.behaviours import BEHAVIOURS
 from mercator_design.modules.conditions import CONDITIONS
 from mercator_design.modules.module import numbered
 from mercator_design.results.experiments.experiment import ShownExperiment
-from mercator_design.serve.desk.desk import Busy
-from mercator_design.serve.desk.machines import Machines, compared, replays, run_part
-from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
+from mercator_design.serve.workers.machines import Machines, compared, replays, run_part
+from mercator_design.serve.workers.pool import Busy
+from mercator_design.serve.workers.sources import FsmSource, MissionSource
 from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission, submitted
@@ -259,8 +259,8 @@ class TestEvaluate:
         monkeypatch.setattr("mercator_design.serve.http.machines.fsms.PART_OF_LIMIT", 0.0)
         assert evaluate(client, fsms=[{"fsm": FSM}, {"fsm": STOP}], runs=4).json() == whole
 
-    def test_one_that_has_begun_waits_for_a_helper(self, client, service, monkeypatch):
-        run, asked = service.desk.run, []
+    def test_one_that_has_begun_waits_for_a_worker(self, client, service, monkeypatch):
+        run, asked = service.workers.run, []
 
         def sometimes_busy(function, *arguments):
             asked.append(function)
@@ -270,7 +270,7 @@ class TestEvaluate:
                 arguments = (*arguments[:-1], 0.0)  # one experiment at a time
             return run(function, *arguments)
 
-        monkeypatch.setattr(service.desk, "run", sometimes_busy)
+        monkeypatch.setattr(service.workers, "run", sometimes_busy)
         assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 200
         assert asked == [run_part, run_part, run_part, compared, compared]
         asked[:] = [run_part]  # the next one is refused
@@ -324,7 +324,7 @@ class TestReplay:
         mission = MissionSource(name="aggregation", overrides=("duration=3", f"floor.dynamics=[{blink}]"))
         machines = Machines(fsms=(FsmSource(name="one", text=STOP),) * 2, mission=mission, limits=UserLimits())
         n = sum(len(one["header"]["floor"]["changes"]) for one in replays(machines, 1))
-        monkeypatch.setattr("mercator_design.serve.desk.machines.MAX_CHANGES", n - 1)
+        monkeypatch.setattr("mercator_design.serve.workers.machines.MAX_CHANGES", n - 1)
         with pytest.raises(MissionError, match=f"at most {n - 1:,} changes of zones in a replay, found {n:,}"):
             replays(machines, 1)
 

@@ -1,6 +1,7 @@
 """The guard, before an application that answers everything."""
 
 import asyncio
+import contextlib
 import json
 from datetime import timedelta
 
@@ -11,9 +12,10 @@ from mercator_design.serve import database
 from mercator_design.serve.accounts import guard as guard_module
 from mercator_design.serve.accounts import noise
 from mercator_design.serve.accounts.accounts import Accounts
+from mercator_design.serve.accounts.concurrency import ConcurrencyLimit
 from mercator_design.serve.accounts.entrance import Entrance
 from mercator_design.serve.accounts.guard import Guard, Openings
-from mercator_design.serve.accounts.refusals import MAX_BODY, MAX_FORM
+from mercator_design.serve.accounts.refusals import MAX_BODY, MAX_FORM, Refusal
 from mercator_design.serve.accounts.users import LOCAL
 from mercator_design.serve.settings import UserLimits
 from tests.processes import LIMIT
@@ -457,7 +459,7 @@ class TestBodies:
                 return request(app, "POST", "/api/v1/jobs", headers | JSON | SAME, parts=(), received=waiting.wait)
 
             held = [asyncio.create_task(slow(ana | {"content-length": "5"})) for _ in range(3)]
-            while accounts.requests.taken["ana"] < 3:  # noqa: ASYNC110 - no event
+            while accounts.requests.counts["ana"] < 3:  # noqa: ASYNC110 - no event
                 await asyncio.sleep(0)
             refused = await slow(ana | {"content-length": "5"})
             assert (refused.status, refused.headers["connection"], refused.headers["retry-after"]) == (
@@ -474,7 +476,7 @@ class TestBodies:
             assert (await request(app, "GET", "/", ana)).status == 200
 
         asyncio.run(run())
-        assert not accounts.requests.taken
+        assert not accounts.requests.counts
 
     def test_those_of_all_users_leave_the_login_free(self, guard, ana, accounts, monkeypatch):
         monkeypatch.setattr(accounts.requests, "_of_all", 0)
@@ -482,6 +484,20 @@ class TestBodies:
         assert (answer.status, answer.headers["retry-after"]) == (503, "5")
         for path in ("/healthz", "/login"):
             assert ask(guard(), "GET", path).status == 200
+
+    def test_a_few_users_do_not_take_all(self):
+        limit, taken = ConcurrencyLimit("requests", 4, 8), contextlib.ExitStack()
+        with taken:
+            for name in ("ann", "bob") * 4:
+                with contextlib.suppress(Refusal):
+                    taken.enter_context(limit.count(name))
+            assert limit.counts == {"ann": 3, "bob": 3}
+            with pytest.raises(Refusal, match="of all users, at most 8") as found, limit.count("ann"):
+                pass
+            assert (found.value.status, found.value.headers) == (503, {"Retry-After": "5"})
+            with limit.count("carl"):
+                pass
+        assert not limit.counts
 
     def test_a_client_that_goes_gets_no_answer(self, guard, application):
         answer = ask(guard(), "POST", "/api/v1/jobs", JSON | {"content-length": "5"}, parts=())
@@ -599,20 +615,20 @@ class TestStreams:
         async def steps(app, parts, got):
             await self.until(lambda: got)
             second = asyncio.create_task(request(app, "GET", "/events", ana, received=asyncio.Event().wait))
-            await self.until(lambda: accounts.streams.taken["ana"] == 2)
+            await self.until(lambda: accounts.streams.counts["ana"] == 2)
             refused = await request(app, "GET", "/events", ana)
             assert (refused.status, refused.headers["retry-after"]) == (429, "5")
             assert "expected at most 2 event streams of a user at a time" in refused.text
             assert (await request(app, "GET", "/", ana)).status == 200
             third = asyncio.create_task(request(app, "GET", "/events", session, received=asyncio.Event().wait))
-            await self.until(lambda: accounts.streams.taken["bob"] == 1)
+            await self.until(lambda: accounts.streams.counts["bob"] == 1)
             for task in (second, third):
                 task.cancel()
                 with pytest.raises(asyncio.CancelledError):
                     await task
 
         self.watching(guard, application, ana, steps)
-        assert not accounts.streams.taken
+        assert not accounts.streams.counts
 
     @pytest.mark.parametrize("is_silent", [True, False])
     @pytest.mark.parametrize("way", ["token", "session", "logout", "local", "service"])
@@ -642,7 +658,7 @@ class TestStreams:
 
         *_, last = self.watching(guard, application, headers, steps)
         assert last == {"type": "http.response.body", "body": b""}
-        assert not accounts.streams.taken
+        assert not accounts.streams.counts
 
 
 class TestAudit:

@@ -113,7 +113,7 @@ def test_a_job_that_cannot_be_followed_live_is_renewed(page, live, monkeypatch):
         page.wait_for(f"document.querySelector('#now').innerText.includes('{done} of {BUDGET}')")
     page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")
     page.wait_for("document.querySelector('#notice').innerText === ''")
-    assert streams.taken["local"] == 1
+    assert streams.counts["local"] == 1
 
 
 @pytest.fixture(scope="module")

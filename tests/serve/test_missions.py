@@ -9,11 +9,11 @@ from jsonschema import Draft202012Validator
 from PIL import Image
 
 from mercator_design.config import shipped
-from mercator_design.serve.desk import estimates
-from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.http.schemas import MAX_TEXT
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
+from mercator_design.serve.workers import estimates
+from mercator_design.serve.workers.sources import MissionSource
 
 TEXT = shipped.missions()["foraging"].read_text()
 SMALL = ["duration=2", "robots=2"]

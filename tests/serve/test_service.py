@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.serve.desk.missions import mission_schema
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.workers.missions import mission_schema
 
 PLUGIN = """
 from mercator_design.missions.plugins import objective
@@ -41,7 +41,7 @@ def test_a_mistake_in_the_settings_lets_go_of_the_folder(tmp_path, idle_races):
 
 def test_plugins_are_beside_the_settings(tmp_path, idle_races, monkeypatch):
     monkeypatch.chdir(tmp_path.parent)
-    (tmp_path / "serve.yaml").write_text("plugins: [own.py]\nhelpers: 1\n")
+    (tmp_path / "serve.yaml").write_text("plugins: [own.py]\nworkers: 1\n")
     with pytest.raises(ServiceError, match=r"plugins: .*own\.py: no such file"), Service(Path(tmp_path.name)):
         pass
     (tmp_path / "own.py").write_text("1 / 0\n")
@@ -49,7 +49,7 @@ def test_plugins_are_beside_the_settings(tmp_path, idle_races, monkeypatch):
         pass
     (tmp_path / "own.py").write_text(PLUGIN)
     with Service(Path(tmp_path.name)) as service:
-        assert "own_objective" in json.dumps(service.desk.run(mission_schema))
+        assert "own_objective" in json.dumps(service.workers.run(mission_schema))
 
 
 def test_a_folder_that_is_a_file(tmp_path):

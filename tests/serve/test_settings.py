@@ -11,9 +11,9 @@ def test_all_keys_may_be_left_out(tmp_path):
     assert load_settings(tmp_path) == ServiceSettings(races=2)
 
 
-def test_the_memory_of_a_helper_is_that_of_its_modules_at_least(tmp_path):
-    (tmp_path / "serve.yaml").write_text("helper_memory: 599\n")
-    with pytest.raises(ServiceError, match=r"serve.yaml:1: helper_memory: expected .*600"):
+def test_the_memory_of_a_worker_is_that_of_its_modules_at_least(tmp_path):
+    (tmp_path / "serve.yaml").write_text("worker_memory: 599\n")
+    with pytest.raises(ServiceError, match=r"serve.yaml:1: worker_memory: expected .*600"):
         load_settings(tmp_path)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from mercator_design.serve.accounts import audit, sessions
 from mercator_design.serve.accounts.audit import Audit
+from mercator_design.serve.accounts.concurrency import ConcurrencyLimit
 from mercator_design.serve.accounts.noise import AuditNoise
-from mercator_design.serve.accounts.places import Places
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.accounts.users import Holder, Users
 from mercator_design.serve.settings import SERVICE, UserLimits
@@ -51,8 +51,8 @@ class Accounts:
         self.audit = Audit(data / SERVICE / audit.FILE, now)
         self.noise = AuditNoise(clock)
         self.answers: Counter[int] = Counter()
-        self.requests = Places("requests", limits.requests, MAX_REQUESTS)
-        self.streams = Places("event streams", limits.streams, MAX_STREAMS)
+        self.requests = ConcurrencyLimit("requests", limits.requests, MAX_REQUESTS)
+        self.streams = ConcurrencyLimit("event streams", limits.streams, MAX_STREAMS)
         self._ends: set[asyncio.Event] = set()
 
     def close(self) -> None:
@@ -66,7 +66,7 @@ class Accounts:
         Raises:
             Refusal: There are too many.
         """
-        with self.streams.take(name):
+        with self.streams.count(name):
             self._ends.add(ended)
             try:
                 yield

@@ -140,7 +140,7 @@ class Guard:
         elif visit.user is None:
             await self._request(visit, receive)
         else:
-            with self._accounts.requests.take(visit.user.name):
+            with self._accounts.requests.count(visit.user.name):
                 await self._request(visit, receive)
 
     async def _request(self, visit: "_Visit", receive: Receive) -> None:

@@ -12,10 +12,10 @@ from mercator_design.serve.accounts.entrance import Entrance, tls_of
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
 from mercator_design.serve.cli.users import data_of
-from mercator_design.serve.desk.missions import warm_up
 from mercator_design.serve.http.server import listening, run
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import load_settings
+from mercator_design.serve.workers.missions import warm_up
 
 _COMPILING = 1800.0
 """Seconds in which also a small or busy machine has compiled the simulator."""
@@ -67,8 +67,8 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
 
 
 def _warm_up(service: Service) -> None:
-    """Let a helper load and compile the simulator, before the first user waits for it."""
+    """Let a worker load and compile the simulator, before the first user waits for it."""
     try:
-        service.desk.run_within(_COMPILING, warm_up)
+        service.workers.run_within(_COMPILING, warm_up)
     except MercatorError as error:
         logging.getLogger(__name__).warning("the simulator cannot be compiled: %s", error)

@@ -22,8 +22,8 @@ TOKEN_VARIABLE = "MERCATOR_DESIGN_TOKEN"  # noqa: S105 - a name
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _MAX_SIZE = 64 * 1024  # bytes of the file of tokens
 _MAX_ERROR = 64 * 1024  # bytes of an answer that is an error
-_TIMEOUT = httpx.Timeout(60.0, connect=10.0, read=150.0)
-"""Reading waits longer than a helper of the service may work."""
+_TIMEOUT = httpx.Timeout(60.0, connect=10.0, read=260.0)
+"""Reading waits longer than work may wait for a worker of the service, and take there."""
 
 
 class ClientError(MercatorError):

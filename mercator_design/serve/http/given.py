@@ -10,8 +10,6 @@ from fastapi import Path as InPath
 
 from mercator_design.serve.accounts.users import User
 from mercator_design.serve.designs import FSM, Design
-from mercator_design.serve.desk.machines import Machines
-from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
 from mercator_design.serve.http.problems import Missing
@@ -19,6 +17,8 @@ from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.operations import NotPossible
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.service import Service
+from mercator_design.serve.workers.machines import Machines
+from mercator_design.serve.workers.sources import FsmSource, MissionSource
 
 
 def visible_design(
@@ -102,5 +102,5 @@ def fsm_text(fsm: str | StructuredFsm) -> str:
 
 
 def run_folder(service: Service, row: IndexRow) -> Path:
-    """The run folder of a job, for the helpers, which work in another folder."""
+    """The run folder of a job, for the workers, which work in another folder."""
     return service.store.run_folder(row.id).resolve()

@@ -4,11 +4,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from mercator_design.serve.desk.missions import checked_request
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import JobAnswer, JobChange, JobPage, JobRequest, Order, Submitted
 from mercator_design.serve.jobs.job import State
+from mercator_design.serve.workers.missions import checked_request
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
@@ -23,7 +23,7 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
         response.status_code = 200
         return Submitted(job=JobAnswer.of(service.jobs.same(row, request, text)), warnings=[])
     service.jobs.check_disk(user.name)
-    checked = service.desk.run(checked_request, request, body.source(), service.settings.limits)
+    checked = service.workers.run(checked_request, request, body.source(), service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))

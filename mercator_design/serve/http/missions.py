@@ -13,9 +13,6 @@ from pydantic import BaseModel
 from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
-from mercator_design.serve.desk.completion import Completions, completions
-from mercator_design.serve.desk.estimates import Cost, cost_of
-from mercator_design.serve.desk.missions import MissionReview, mission_schema, mission_text, picture, review
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
 from mercator_design.serve.http.given import mission_of_job, mission_of_request
 from mercator_design.serve.http.problems import RESPONSES, Missing
@@ -23,6 +20,9 @@ from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, Missi
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
+from mercator_design.serve.workers.completion import Completions, completions
+from mercator_design.serve.workers.estimates import Cost, cost_of
+from mercator_design.serve.workers.missions import MissionReview, mission_schema, mission_text, picture, review
 from mercator_design.show.text.missions import missions_facts
 
 router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)
@@ -90,7 +90,7 @@ def mission_to_submit(service: TheService, row: VisibleJob) -> PlainTextResponse
 @router.post("/missions/check")
 def check(service: TheService, body: MissionToCheck) -> MissionReview:
     """Check a mission: all mistakes and warnings with their places, and its facts if it can be read."""
-    return service.desk.run(review, body.source(), body.flavour, service.settings.limits)
+    return service.workers.run(review, body.source(), body.flavour, service.settings.limits)
 
 
 @router.post(
@@ -102,21 +102,21 @@ def check(service: TheService, body: MissionToCheck) -> MissionReview:
 )
 def preview(service: TheService, body: MissionToShow) -> Response:
     """Draw a mission from above: floor, zones, arena, where robots may start and what they can reach."""
-    data = service.desk.run(picture, body.source(), service.settings.limits, body.seed, body.kind)
+    data = service.workers.run(picture, body.source(), service.settings.limits, body.seed, body.kind)
     return Response(data, media_type=_TYPES[body.kind], headers=_PICTURE)
 
 
 @router.post("/missions/complete")
 def complete(service: TheService, body: TextToComplete) -> Completions:
     """List what may be written at a place of a mission file, which may be unfinished."""
-    return service.desk.run(completions, body.text, body.line, body.column)
+    return service.workers.run(completions, body.text, body.line, body.column)
 
 
 @router.post("/missions/estimate")
 def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
     """Estimate how long a job will take and wait, from a few of its experiments, which are run and timed."""
     request, settings = body.request(), service.settings
-    cost = service.desk.run(cost_of, request, body.source(), settings.limits, service.cores)
+    cost = service.workers.run(cost_of, request, body.source(), settings.limits, service.cores)
     queued, _ = service.index.find(None, states=("queued",), descending=False, limit=-1)
     running, _ = service.index.find(None, states=("running",), limit=-1)
     usual = sum(cost.seconds) / 2.0 / request.budget
@@ -134,7 +134,7 @@ def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
 @router.get("/schema/mission")
 def schema(service: TheService) -> dict[str, Any]:
     """Fetch the JSON Schema of mission files, for editors."""
-    return service.desk.run(mission_schema)
+    return service.workers.run(mission_schema)
 
 
 def text_of_job(service: Service, row: IndexRow) -> str:
@@ -145,4 +145,4 @@ def text_of_job(service: Service, row: IndexRow) -> str:
         NotPossible: Its run folder is not of a mission.
     """
     source = mission_of_request(service, row) if row.is_job else mission_of_job(service, row)
-    return service.desk.run(mission_text, source, service.settings.limits)
+    return service.workers.run(mission_text, source, service.settings.limits)

@@ -13,9 +13,10 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from mercator_design.errors import MercatorError, printable
-from mercator_design.serve.desk.desk import Busy, TooMuchWork
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.workers.pool import Busy
+from mercator_design.serve.workers.process import TooMuchWork
 
 _log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
-from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, RaceRequest, State
+from mercator_design.serve.workers.sources import MissionSource
 
 MAX_TEXT = 262_144
 """Characters of a mission or an FSM."""

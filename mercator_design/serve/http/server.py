@@ -9,16 +9,20 @@ from collections.abc import Callable
 from functools import partial
 
 import uvicorn
+from anyio import to_thread
 from starlette.types import ASGIApp
 
 from mercator_design.serve.accounts.accounts import MAX_REQUESTS, MAX_STREAMS
 from mercator_design.serve.http.connections import MAX_WAITING, PatientProtocol, Waiting
 from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.workers.pool import MAX_WORK
 
 _LAST_SECONDS = 10
 """Seconds for open answers when the service ends."""
 _OTHER_FILES = 200
 """Files that the service opens beside its connections."""
+_THREADS = 40 + MAX_WORK
+"""Threads that answer requests: beside those that wait for a worker process, some for all other requests."""
 _FILES = MAX_WAITING + MAX_REQUESTS + MAX_STREAMS + _OTHER_FILES
 
 _log = logging.getLogger(__name__)
@@ -84,6 +88,10 @@ class Server(uvicorn.Server):
         )
         super().__init__(config)
         self._at_end = at_end
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        to_thread.current_default_thread_limiter().total_tokens = _THREADS
+        await super().startup(sockets)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._at_end()

@@ -45,7 +45,7 @@ def metrics(service: TheService) -> PlainTextResponse:
         _metric("ready", "gauge", "Whether jobs are looked after.", {"": int(service.supervisor.is_at_work)}),
         _metric("jobs", "gauge", "Jobs by state.", {state: counts.get(state, 0) for state in STATES}, "state"),
         _metric("http_answers_total", "counter", "Answers by status.", answers, "status"),
-        _metric("event_streams", "gauge", "Open event streams.", {"": service.accounts.streams.taken.total()}),
+        _metric("event_streams", "gauge", "Open event streams.", {"": service.accounts.streams.counts.total()}),
         _metric("free_disk_bytes", "gauge", "Free disk for jobs.", {"": shutil.disk_usage(service.data).free}),
     ]
     return PlainTextResponse("".join(line for part in parts for line in part), media_type=_PROMETHEUS)

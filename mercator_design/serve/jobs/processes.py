@@ -68,7 +68,7 @@ class Launcher:
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
             return RaceProcess(
                 # -P: the folder of the data is no place of code.
-                [sys.executable, "-P", "-m", "mercator_design.serve.jobs.worker", *self.command(job)],
+                [sys.executable, "-P", "-m", "mercator_design.serve.jobs.run_race", *self.command(job)],
                 cwd=self._store.data,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mercator_design.serve.jobs.index import IndexRow
+from mercator_design.serve.turns import next_user
 
 _MAX_JOBS = 200
 """Jobs that are run through; those behind them begin at the same time as the last of these."""
@@ -16,8 +17,8 @@ def next_job(
 ) -> IndexRow | None:
     """The job to run next, or None.
 
-    The user with the fewest running jobs comes first; of several, the one who was served longest ago. Of the jobs of a
-    user, the one of the highest priority comes first; of several, the oldest.
+    Users take turns (`next_user`). Of the jobs of a user, the one of the highest priority comes first; of several, the
+    oldest.
 
     Args:
         queued: Jobs that can run, in the order of their submission.
@@ -25,12 +26,8 @@ def next_job(
         served: A number for each user whose job was started; it is higher for a later one.
         max_running: Number of jobs of a user that may run at the same time.
     """
-    now = Counter(row.owner for row in running)
-    owners = {row.owner for row in queued if now[row.owner] < max_running}
-    if not owners:
-        return None
-    owner = min(owners, key=lambda one: (now[one], served.get(one, -1), one))
-    return max((row for row in queued if row.owner == owner), key=lambda row: row.priority)
+    owner = next_user((row.owner for row in queued), Counter(row.owner for row in running), served, max_running)
+    return max((row for row in queued if row.owner == owner), key=lambda row: row.priority, default=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

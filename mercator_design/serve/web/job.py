@@ -13,7 +13,6 @@ from mercator_design.errors import MercatorError
 from mercator_design.results.files import JOURNAL
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import FSM
-from mercator_design.serve.desk.races import Part, about_part, race_part
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import IndexRow
@@ -35,8 +34,9 @@ from mercator_design.serve.web.job_parts import (
     progress,
     state,
 )  # fmt: skip
-from mercator_design.serve.web.kept import Kept
 from mercator_design.serve.web.layout import fragment, page
+from mercator_design.serve.web.part_cache import PartCache
+from mercator_design.serve.workers.races import Part, about_part, race_part
 from mercator_design.show.charts import number
 from mercator_design.show.markup import escaped, escaped_lines
 from mercator_design.show.report.markup import Html, facts_list, folded, section
@@ -50,11 +50,11 @@ _FIRST = (FSM, "report.html", "results.csv", "journal.jsonl", "mission.yaml")
 """Files that most users look for."""
 
 
-def _kept(request: Request) -> Kept:
+def _kept(request: Request) -> PartCache:
     return request.app.state.kept  # type: ignore[no-any-return]
 
 
-_TheParts = Annotated[Kept, Depends(_kept)]
+_TheParts = Annotated[PartCache, Depends(_kept)]
 
 
 @router.get("")
@@ -125,7 +125,7 @@ def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
 
 
 def _part(
-    service: Service, parts: Kept, row: IndexRow, make: Callable[[Path], Part]
+    service: Service, parts: PartCache, row: IndexRow, make: Callable[[Path], Part]
 ) -> tuple[Part | MercatorError | None, bool]:
     """A part of the page or what is wrong with the race, and whether there is no newer one.
 

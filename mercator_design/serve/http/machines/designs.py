@@ -10,22 +10,22 @@ from mercator_design.api import fresh_instances
 from mercator_design.config.schema import Name, unwrapped
 from mercator_design.designer import TEST_SEED
 from mercator_design.serve.designs import FSM, Design
-from mercator_design.serve.desk.desk import TooMuchWork
-from mercator_design.serve.desk.machines import checked, new_design, run_part
-from mercator_design.serve.desk.sources import FsmSource, MissionSource
 from mercator_design.serve.http.context import TheService, TheUser
 from mercator_design.serve.http.given import machines_given, visible_design
 from mercator_design.serve.http.machines.schemas import CheckedFsm, FsmBody, MissionBody
 from mercator_design.serve.http.problems import RESPONSES, NotAllowed
 from mercator_design.serve.http.schemas import Body
 from mercator_design.serve.jobs.store import MISSION
+from mercator_design.serve.workers.machines import checked, new_design, run_part
+from mercator_design.serve.workers.process import TooMuchWork
+from mercator_design.serve.workers.sources import FsmSource, MissionSource
 
 router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)
 
 _RUNS = 10
 """Instances on which a design is measured when it is saved."""
 _MEASURING = 0.25
-"""Of the time limit of the helpers: after so much, no further experiment begins."""
+"""Of the time limit of the workers: after so much, no further experiment begins."""
 
 
 def _as_in_files(name: str) -> str:
@@ -116,10 +116,10 @@ def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswe
     """Save an FSM with its mission; it is measured on a few instances first."""
     service.designs.check_number(user.name)
     machines = machines_given(service, user, body.mission, [body.fsm])
-    new = service.desk.run(new_design, machines)
+    new = service.workers.run(new_design, machines)
     seeds = fresh_instances(TEST_SEED, _RUNS)
     try:
-        scores, _ = service.desk.run(run_part, machines, seeds, 0, _MEASURING * service.settings.helper_seconds)
+        scores, _ = service.workers.run(run_part, machines, seeds, 0, _MEASURING * service.settings.worker_seconds)
     except TooMuchWork:  # one experiment is too much: the score is not known
         scores = ()
     design = Design(
@@ -149,7 +149,7 @@ def show(service: TheService, design: VisibleDesign) -> WholeDesign:
     """Show a design with its FSM."""
     fsm = FsmSource(name=design.name, text=service.designs.text(design.id, FSM))
     text = service.designs.text(design.id, MISSION)
-    forms = service.desk.run(checked, fsm, MissionSource(text=text), service.settings.limits)
+    forms = service.workers.run(checked, fsm, MissionSource(text=text), service.settings.limits)
     return WholeDesign(design=DesignAnswer.of(design), mission_text=text, fsm=CheckedFsm(**forms))
 
 

@@ -17,7 +17,7 @@
     place.removeAttribute("aria-busy");
   }
 
-  let queue = Promise.resolve(); // one after the other: the service has few helpers
+  let queue = Promise.resolve(); // one after the other: the service has few workers
   const seen = new IntersectionObserver((entries) => {
     for (const { isIntersecting, target } of entries) if (isIntersecting) {
       seen.unobserve(target);

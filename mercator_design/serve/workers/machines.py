@@ -1,4 +1,4 @@
-"""Work on FSMs for the desk: checks, evaluations, replays."""
+"""Work on FSMs for the workers: checks, evaluations, replays."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -16,8 +16,8 @@ from mercator_design.modules.words import KnownSwarm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.experiments.experiment import ShownExperiment
-from mercator_design.serve.desk.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
 from mercator_design.serve.settings import UserLimits
+from mercator_design.serve.workers.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.replay import Replay, replay_of

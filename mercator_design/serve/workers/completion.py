@@ -18,7 +18,7 @@ from mercator_design.config.writing import plain
 from mercator_design.config.yaml_tree import MAX_FILE_SIZE
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import ZoneReference
-from mercator_design.serve.desk.outline import Outline, Piece, Step
+from mercator_design.serve.workers.outline import Outline, Piece, Step
 
 _CURSOR = "cursor0cursor"
 """Stands in the text for the word that is written."""

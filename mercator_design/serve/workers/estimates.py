@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass
 
 from mercator_design.designer import Designer
-from mercator_design.serve.desk.sources import MissionSource
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
+from mercator_design.serve.workers.sources import MissionSource
 from mercator_design.sim.simulate import Simulator
 
 _SECONDS = 2.0

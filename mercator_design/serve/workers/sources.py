@@ -1,4 +1,4 @@
-"""Where the missions and FSMs of users come from: names, texts, run folders; read by the helpers."""
+"""Where the missions and FSMs of users come from: names, texts, run folders; read by the workers."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Work on run folders for the desk: the parts of a job's page that are computed."""
+"""Work on run folders for the workers: the parts of a job's page that are computed."""
 
 import hashlib
 from dataclasses import dataclass, replace

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import pytest
 
 from mercator_design.errors import RaceError
-from mercator_design.serve.desk.desk import ASKED_BY, Busy
-from mercator_design.serve.desk.races import Part
-from mercator_design.serve.web.kept import Kept
+from mercator_design.serve.web.part_cache import PartCache
+from mercator_design.serve.workers.pool import CURRENT_USER, Busy
+from mercator_design.serve.workers.races import Part
 from tests.processes import LIMIT
 
 
-class FakeDesk:
+class FakePool:
     """Takes as long as it is told."""
 
     def __init__(self, clock):
@@ -37,8 +37,8 @@ def place(tmp_path, clock):
     folder = tmp_path / "job"
     folder.mkdir()
     (folder / "journal.jsonl").write_text("1")
-    desk = FakeDesk(clock)
-    return SimpleNamespace(folder=folder, desk=desk, kept=Kept(desk, 2, clock=clock))
+    pool = FakePool(clock)
+    return SimpleNamespace(folder=folder, pool=pool, kept=PartCache(pool, 2, clock=clock))
 
 
 def grow(place):
@@ -50,7 +50,7 @@ def test_200_readers_of_a_race_that_stands_still_cost_one_computation(place, clo
     for _ in range(200):
         clock.seconds += 1
         assert place.kept.get(part, place.folder) == (Part("job 1", None), True)
-    assert place.desk.n == 1
+    assert place.pool.n == 1
 
 
 def test_a_race_that_goes_on_is_read_every_two_seconds(place, clock):
@@ -58,11 +58,11 @@ def test_a_race_that_goes_on_is_read_every_two_seconds(place, clock):
         grow(place)
         place.kept.get(part, place.folder)
         clock.seconds += 0.1
-    assert place.desk.n == 10
+    assert place.pool.n == 10
 
 
 def test_what_takes_long_is_computed_seldom(place, clock):
-    place.desk.takes = 3.0
+    place.pool.takes = 3.0
     place.kept.get(part, place.folder)
     grow(place)
     clock.seconds += 14
@@ -73,7 +73,7 @@ def test_what_takes_long_is_computed_seldom(place, clock):
 
 
 def test_the_end_of_a_race_is_shown_at_once(place):
-    place.desk.takes = 3.0
+    place.pool.takes = 3.0
     place.kept.get(part, place.folder)
     grow(place)
     (place.folder / "proof.json").touch()
@@ -102,7 +102,7 @@ def test_users_do_not_keep_one_another_waiting(place, tmp_path):
     inside = []
 
     def asked_by_another(folder):
-        ASKED_BY.set("bob")
+        CURRENT_USER.set("bob")
         inside.append(place.kept.get(part, other))
         return part(folder)
 
@@ -125,24 +125,24 @@ def test_nobody_waits_for_a_computation(place):
     go.set()
     thread.join(LIMIT)
     assert place.kept.get(slow, place.folder) == (Part("job 1", None), True)
-    assert place.desk.n == 1
+    assert place.pool.n == 1
 
 
 def test_an_error_is_kept_until_the_folder_changes(place, clock):
-    place.desk.errors.append(RaceError("damaged"))
+    place.pool.errors.append(RaceError("damaged"))
     lengths = []
     for _ in range(5):
         with pytest.raises(RaceError, match="damaged") as found:
             place.kept.get(part, place.folder)
         lengths.append(len(found.traceback))
     assert lengths[1:] == lengths[1:2] * 4  # they do not grow
-    assert place.desk.n == 1
+    assert place.pool.n == 1
     grow(place)
     clock.seconds += 3
     assert place.kept.get(part, place.folder)[1]
 
 
 def test_a_busy_desk_is_asked_again(place):
-    place.desk.errors.append(Busy("busy"))
+    place.pool.errors.append(Busy("busy"))
     assert place.kept.get(part, place.folder) == (None, False)
     assert place.kept.get(part, place.folder) == (Part("job 1", None), True)

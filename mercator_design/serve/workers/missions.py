@@ -1,4 +1,4 @@
-"""Work on missions for the desk: checks, facts, pictures."""
+"""Work on missions for the workers: checks, facts, pictures."""
 
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -9,10 +9,10 @@ from mercator_design.config.writing import dump
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.serve.desk.findings import MissionFinding, findings, without_folders
-from mercator_design.serve.desk.sources import MissionSource, text_without_files
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
+from mercator_design.serve.workers.findings import MissionFinding, findings, without_folders
+from mercator_design.serve.workers.sources import MissionSource, text_without_files
 from mercator_design.show.text.missions import facts_of
 from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warnings
 from mercator_design.sim.simulate import Simulator, robot_model_of

@@ -8,7 +8,7 @@ from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import fields_of
 from mercator_design.config.yaml_tree import steps
 from mercator_design.missions.mission import Mission
-from mercator_design.serve.desk.outline import Outline, Piece, Span
+from mercator_design.serve.workers.outline import Outline, Piece, Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Parts of pages that are computed by the desk, once for all who look at a job."""
+"""Parts of pages that are computed by the pool, once for all who look at a job."""
 
 import threading
 import time
@@ -14,13 +14,13 @@ from mercator_design.race.session.journal import is_locked
 from mercator_design.results.analysis.proof import PROOF
 from mercator_design.results.files import JOURNAL
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.serve.desk.desk import ASKED_BY, Busy, Desk
-from mercator_design.serve.desk.races import Part
 from mercator_design.serve.jobs.races import length_of
+from mercator_design.serve.workers.pool import CURRENT_USER, Busy, WorkerPool
+from mercator_design.serve.workers.races import Part
 
 _PERIOD = 2.0
 """Seconds between two computations of a part."""
-_SHARE = 0.2  # of the time that a helper may spend on one part
+_SHARE = 0.2  # of the time that a worker may spend on one part
 _MAX_WAIT = 20.0  # seconds between two computations
 _MAX_KEPT = 200  # parts that are kept
 
@@ -41,29 +41,29 @@ class _Entry:
     again: float = 0.0  # from when on it may be computed again
 
 
-class Kept:
+class PartCache:
     """Parts of pages; safe for several threads.
 
     A part is computed again only if the run folder has changed, by one request at a time, and while a race goes on at
-    most so often that it takes a small share of the time of one helper. All other requests get the latest part at once.
+    most so often that it takes a small share of the time of one worker. All other requests get the latest part at once.
 
     Args:
-        desk: Computes them.
-        helpers: Number of its helpers; a user has at most half of them at a time.
+        pool: Computes them.
+        workers: Number of its workers; a user has at most half of them at a time.
         clock: Seconds that have passed since some time.
     """
 
-    def __init__(self, desk: Desk, helpers: int, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self._desk, self._clock = desk, clock
+    def __init__(self, pool: WorkerPool, workers: int, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._pool, self._clock = pool, clock
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         self._lock = threading.Lock()
-        self._max_of_user, self._at_work = max(1, helpers // 2), Counter[str]()  # computations of a user at a time
+        self._max_of_user, self._at_work = max(1, workers // 2), Counter[str]()  # computations of a user at a time
 
     def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
         """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
 
         Args:
-            make: Computes it: a function of `desk/races.py`.
+            make: Computes it: a function of `workers/races.py`.
             folder: The run folder.
 
         Raises:
@@ -75,14 +75,14 @@ class Kept:
             if entry.problem is not None:
                 raise copy(entry.problem)  # each raising adds to the traceback of an error
             return entry.part, is_same
-        user = ASKED_BY.get()
+        user = CURRENT_USER.get()
         if not self._begin(entry, user):
             return entry.part, False
         try:
             begin = self._clock()
             entry.problem = None
             try:
-                entry.part = self._desk.run(make, folder.resolve())
+                entry.part = self._pool.run(make, folder.resolve())
             except Busy:
                 return entry.part, False
             except MercatorError as error:

@@ -18,8 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from mercator_design.compiling import inlining, kernel_sources, linking
-from mercator_design.system import kernel_cache
+from mercator_design.compiling import cache, inlining, kernel_sources, linking
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -208,24 +207,16 @@ class _Entry:
         import numba
 
         _load_array_functions()
-        folder = cache_folder()
         # Kernels make no arrays, they only fill those of their caller. So reference counts are not needed, and counting
         # the references to all passed arrays would take two thirds of the time.
         options: dict[str, Any] = {"nogil": True, "_nrt": False, "error_model": "python" if checked else "numpy"}
         if checked:
             options["boundscheck"] = True
-        part = _part(function)
+        part = kernel_sources.foreign_part(function, _marked)
         self._function = kernel_sources.renamed(function, part) if part else function
-        usual = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(folder)
-        try:
-            self._entry: Any = numba.njit(cache=folder is not None, **options)(self._function)
-        except RuntimeError:  # of a function whose file has gone nothing is cached
-            self._entry = numba.njit(**options)(self._function)
-        finally:
-            numba.config.CACHE_DIR = usual
-        self._cache = kernel_cache.keep_whole(self._entry._cache, part, _missed, _register_waiting)  # noqa: SLF001 - no other way
-        self._entry._cache = self._cache  # noqa: SLF001
+        self._entry: Any = numba.njit(**options)(self._function)
+        self._cache = cache.cache_of(self._function, cache_folder(), part, _missed)
+        self._entry._cache = self._cache  # noqa: SLF001 - no other way
         self._errors = (numba.core.errors.NumbaError, numba.core.errors.UnsupportedBytecodeError)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -254,16 +245,14 @@ class _Entry:
         try:
             return use(*arguments)
         except self._errors as error:
-            self._cache.give_up()
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
             if "NRT required" in reason:
                 reason = "a kernel must not make arrays, lists or texts, or raise an error with a value"
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
             raise CompilationError(reason[:500], places or self._places) from error
-        except BaseException:  # for example if the user interrupts it
-            self._cache.give_up()
-            raise
+        finally:
+            self._cache.turn.close()
 
 
 @functools.cache
@@ -300,8 +289,12 @@ def announced(announce: Callable[[], None]) -> Iterator[None]:
 
 
 def _missed() -> None:
+    """Announce that something is compiled, and let compiled code call all functions marked so far."""
     for listener in [*_listeners]:
         listener()
+    with _lock:
+        while _waiting:
+            inlining.register(_waiting.pop(0))
 
 
 def compiling(what: str) -> str:
@@ -321,18 +314,8 @@ def cache_warning() -> str:
 
 
 @functools.cache
-def _cache() -> kernel_cache.Place:
-    return kernel_cache.place(kernel_sources.digest(kernel_sources.package_files(), ())[:16])
-
-
-def _part(function: Callable[..., Any]) -> str:
-    """What else the cache of an entry function is named by, if its code has kernels that are not of this package."""
-    return kernel_sources.foreign_part(function, _marked)
-
-
-def kernel_files() -> list[Path]:
-    """The source files of compiled code: those of this package, and those of marked functions elsewhere."""
-    return [*kernel_sources.package_files(), *kernel_sources.sources(_foreign())]
+def _cache() -> cache.Place:
+    return cache.place(kernel_sources.digest(kernel_sources.package_files(), ())[:16])
 
 
 def kernels_digest() -> str:
@@ -343,10 +326,3 @@ def kernels_digest() -> str:
 def _foreign() -> list[Callable[..., Any]]:
     """The marked functions outside this package."""
     return [function for function in _marked if kernel_sources.is_foreign(function)]
-
-
-def _register_waiting() -> None:
-    """Let compiled code call all functions marked so far; code from the cache needs none of them."""
-    with _lock:
-        while _waiting:
-            inlining.register(_waiting.pop(0))

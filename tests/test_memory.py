@@ -8,14 +8,17 @@ from pathlib import Path
 
 import pytest
 
+from mercator_design import jit
+from mercator_design.compiling import cache as kernel_cache
 from mercator_design.errors import lack_of_memory
+from mercator_design.modules.conditions import logistic
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.irace.target_runner import RunnerCall, Target, TargetFailed
 from mercator_design.race.session.events import Measurement
 from mercator_design.race.session.outcome import ExperimentFailed
 from mercator_design.race.session.record import Record
-from mercator_design.system import address_space, kernel_cache
+from mercator_design.system import address_space
 from tests.race.racing import measure, runner, undisturbed
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
@@ -78,14 +81,12 @@ class TestALimitOfAddressSpace:
     def test_nothing_is_loaded_or_compiled_in_too_little(self, monkeypatch):
         """LLVM would end this process."""
 
-        class Cache:
-            def load_overload(self, *_):
-                loads.append(None)
-
         loads = []
-        cache = kernel_cache.keep_whole(Cache(), "", lambda: None, lambda: None)
-        assert cache.load_overload(None, None) is None
-        assert len(loads) == 1
+        monkeypatch.setattr(kernel_cache, "read_whole", loads.append)
+        cache = kernel_cache.cache_of(lambda: None, Path("/"), "", lambda: None)
+        context = jit._Entry(logistic)._entry.targetctx
+        assert cache.load_overload((), context) is None
+        assert len(loads) == 2  # again after waiting for another process
         used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
         for more, what, tried in (
             (-used, "64 MiB of address space to load machine code", 0),
@@ -94,7 +95,7 @@ class TestALimitOfAddressSpace:
             loads.clear()
             monkeypatch.setattr(resource, "getrlimit", lambda _, limit=used + more: (limit, limit))
             with pytest.raises(MemoryError, match=f"expected {what}, found .* MiB below the limit of"):
-                cache.load_overload(None, None)
+                cache.load_overload((), context)
             assert len(loads) == tried
 
     def test_blas_has_one_thread(self, monkeypatch):

@@ -18,7 +18,7 @@ def own_objective(trace) -> float:
 
 def test_two_services_on_one_folder(tmp_path, idle_races):
     with Service(tmp_path) as first:
-        unfinished = tmp_path / ".service" / "deleted-one"
+        unfinished = tmp_path / ".service" / "jobs" / "one"
         unfinished.mkdir()
         with pytest.raises(ServiceError, match="another service runs on this folder"), Service(tmp_path):
             pass

@@ -71,12 +71,26 @@ def test_deletion_takes_the_run_folder(store):
 
 
 def test_a_deletion_that_was_cut_off_is_finished_at_the_next_start(store):
-    job = create(store)
+    job, other = create(store), create(store)
     store.run_folder(job.id).mkdir()
-    store.folder(job.id).rename(store.data / ".service" / f"deleted-{job.id}")
+    store.file(job.id).unlink()
+    assert store.ids() == [other.id]
     again = Store(store.data)
     again.finish_deletions()
-    assert (again.ids(), again.run_folder(job.id).exists()) == ([], False)
+    assert (again.ids(), again.run_folder(job.id).exists()) == ([other.id], False)
+    assert [path.name for path in store.folder(other.id).parent.iterdir()] == [other.id]
+
+
+def test_a_run_folder_that_cannot_be_deleted_is_not_shown_to_all(store, monkeypatch):
+    job = create(store)
+    store.run_folder(job.id).mkdir()
+    (store.run_folder(job.id) / "journal.jsonl").touch()
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.rmtree", lambda *_, **__: None)
+        store.delete(job.id)
+    assert (store.ids(), [*store.others()]) == ([], [])
+    store.finish_deletions()
+    assert not store.run_folder(job.id).exists()
 
 
 def test_others_are_run_folders_of_no_job(store):

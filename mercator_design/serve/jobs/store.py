@@ -20,7 +20,6 @@ from mercator_design.serve.settings import SERVICE
 
 MISSION = "mission.yaml"
 OUTPUT = "output.txt"
-_DELETED = "deleted-"
 
 
 class Store(Records[Job]):
@@ -42,9 +41,10 @@ class Store(Records[Job]):
         self._lock = threading.RLock()
 
     def finish_deletions(self) -> None:
-        """Delete what is left of jobs whose deletion was interrupted; only for the service that has the data folder."""
-        for left in (self.data / SERVICE).glob(f"{_DELETED}*"):
-            self.finish_deletion(left.name.removeprefix(_DELETED))
+        """Delete what is left of jobs without a file; only for the service that has the data folder."""
+        for left in self._folder.iterdir():
+            if not self.file(left.name).exists():
+                self._clear(left.name)
 
     def create(
         self, owner: str, name: str, direction: str, request: RaceRequest, text: str | None, *, key: str = ""
@@ -111,22 +111,14 @@ class Store(Records[Job]):
         Raises:
             OSError: It cannot be deleted.
         """
-        with self._lock:
-            gone = self.data / SERVICE / f"{_DELETED}{identity}"
-            self.folder(identity).rename(gone)
-            try:
-                self.finish_deletion(identity)
-            except OSError:  # else the run folder would be one of no job, which all users see
-                gone.rename(self.folder(identity))
-                raise
+        self.file(identity).unlink()
+        self._clear(identity)
 
-    def finish_deletion(self, identity: str) -> None:
-        """Delete the files of a job whose folder was renamed; again at the next start, if some cannot be deleted."""
-        job = self.data / SERVICE / f"{_DELETED}{identity}"
-        run, gone = self.run_folder(identity), job / "run"
-        if run.exists() and not gone.exists():
-            run.rename(gone)
-        shutil.rmtree(job, ignore_errors=True)
+    def _clear(self, identity: str) -> None:
+        """Delete the folders of a job without a file; again at the next start, if something cannot be deleted."""
+        shutil.rmtree(self.run_folder(identity), ignore_errors=True)
+        if not self.run_folder(identity).exists():  # else it would be one of no job, which all users see
+            shutil.rmtree(self.folder(identity), ignore_errors=True)
 
 
 def size_of(folder: Path) -> int:

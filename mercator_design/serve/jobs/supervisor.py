@@ -126,7 +126,7 @@ class Supervisor:
     def refresh(self, identity: str) -> IndexRow | None:
         """Make the row of a job agree with its files; None if it is gone."""
         with self.locked:
-            if not self._store.folder(identity).exists():
+            if not self._store.file(identity).exists():
                 self._index.remove(identity)
                 return None
             try:

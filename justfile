@@ -8,9 +8,13 @@ setup:
     .venv/bin/pip install -U pip
     .venv/bin/pip install -e . --group dev
 
-# The default tests
+# The first tier of tests: every rule of the program
 test *ARGS:
     .venv/bin/pytest {{ARGS}}
+
+# The thorough tier: live processes, browsers, wide sweeps
+thorough *ARGS:
+    .venv/bin/pytest -m thorough {{ARGS}}
 
 # Formatting, lint, types, architecture
 lint:

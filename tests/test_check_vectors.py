@@ -14,6 +14,7 @@ from benchmarks.check_vectors import main, report
 from benchmarks.vectors import irace_parts, irace_races, irace_tests
 from benchmarks.vectors.checks import difference
 from benchmarks.vectors.formats import VectorError, replay
+from tests.tiers import some
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests" / "data"
@@ -77,30 +78,34 @@ def test_a_wrong_elimination_is_found(tests, path, value, kind):
     assert str(path[-1 if isinstance(path[-1], str) else -2]) in wrong[0].difference
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize(
     ("path", "value", "kind"),
-    [
-        (["arithmetic", 7, "nb_iterations"], 1, "arithmetic"),
-        (["arithmetic", 7, "minimum_budget_nonelitist"], 1, "arithmetic"),
-        (["arithmetic", 7, "schedule", 1, "nb_configurations_elitist"], lambda n: n + 1, "arithmetic"),
-        (["nb_configurations", 9, "result"], lambda n: n + 1, "nb_configurations"),
-        (["elite_weights", 3, "weights", 0], lambda w: w + 1e-9, "elite_weights"),
-        (["model", "traces", 0, "steps", 0, "model", "c1", "8", 1], 0.2500001, "model, initialise"),
-        (["model", "traces", 0, "steps", 1, "model", "r1", "8", 0], 3.0511924, "model, update"),
-        (["model", "traces", 0, "steps", 1, "model", "rc", "8", 1], 0.5, "model, update"),
-        (["model", "traces", 0, "steps", 3, "model", "o1", "10", 1], 4, "model, soft_restart"),
-        (["quantiles", 4, "values", 5], 32, "quantiles"),
-        (["similar", 0, "similar_ids"], [], "similar"),
-        (["overall_ranks", 0, "friedman", 2], 18, "overall_ranks, friedman"),
-        (["overall_ranks", 0, "ttest"], [4, 3, 2, 5, 7, 1, 6], "overall_ranks, t-test"),
-        (["table_columns", 0, "kendall_w"], 0.03, "table_columns"),
-        (["command_lines", 2, "result"], "--a 1e-10", "command_lines"),
-        (["truncated_normal", 0, "exact_mean"], lambda mean: mean + 1e-3, "truncated_normal"),
-        (["truncated_normal", 0, "sample_sd"], lambda sd: sd * 1.03, "truncated_normal"),
-        (["truncated_normal", 0, "q10_q50_q90", 2], lambda q: q + 0.05, "truncated_normal"),
-        (["sampled_frequencies", "ord", 0, "freq", 4], 0.001, "sampled_frequencies, ord"),
-        (["sampled_frequencies", "int_1_10", 1, "freq", 4], 0.19, "sampled_frequencies, int_1_10"),
-    ],
+    some(
+        [
+            (["arithmetic", 7, "nb_iterations"], 1, "arithmetic"),
+            (["arithmetic", 7, "minimum_budget_nonelitist"], 1, "arithmetic"),
+            (["arithmetic", 7, "schedule", 1, "nb_configurations_elitist"], lambda n: n + 1, "arithmetic"),
+            (["nb_configurations", 9, "result"], lambda n: n + 1, "nb_configurations"),
+            (["elite_weights", 3, "weights", 0], lambda w: w + 1e-9, "elite_weights"),
+            (["model", "traces", 0, "steps", 0, "model", "c1", "8", 1], 0.2500001, "model, initialise"),
+            (["model", "traces", 0, "steps", 1, "model", "r1", "8", 0], 3.0511924, "model, update"),
+            (["model", "traces", 0, "steps", 1, "model", "rc", "8", 1], 0.5, "model, update"),
+            (["model", "traces", 0, "steps", 3, "model", "o1", "10", 1], 4, "model, soft_restart"),
+            (["quantiles", 4, "values", 5], 32, "quantiles"),
+            (["similar", 0, "similar_ids"], [], "similar"),
+            (["overall_ranks", 0, "friedman", 2], 18, "overall_ranks, friedman"),
+            (["overall_ranks", 0, "ttest"], [4, 3, 2, 5, 7, 1, 6], "overall_ranks, t-test"),
+            (["table_columns", 0, "kendall_w"], 0.03, "table_columns"),
+            (["command_lines", 2, "result"], "--a 1e-10", "command_lines"),
+            (["truncated_normal", 0, "exact_mean"], lambda mean: mean + 1e-3, "truncated_normal"),
+            (["truncated_normal", 0, "sample_sd"], lambda sd: sd * 1.03, "truncated_normal"),
+            (["truncated_normal", 0, "q10_q50_q90", 2], lambda q: q + 0.05, "truncated_normal"),
+            (["sampled_frequencies", "ord", 0, "freq", 4], 0.001, "sampled_frequencies, ord"),
+            (["sampled_frequencies", "int_1_10", 1, "freq", 4], 0.19, "sampled_frequencies, int_1_10"),
+        ],
+        4,
+    ),
 )
 def test_a_wrong_part_is_found(parts, path, value, kind):
     of_kind = {key: parts["vectors"][key] for key in {path[0], "model"}}
@@ -185,6 +190,7 @@ def test_numbers_agree_to_their_last_recorded_digit():
     assert difference(None, 0.0)
 
 
+@pytest.mark.thorough
 def test_exit_codes_say_what_came_out(tmp_path, monkeypatch, capsys):
     def run(*files):
         monkeypatch.setattr(sys, "argv", ["check_vectors.py", *map(str, files)])

@@ -29,6 +29,7 @@ def test_a_single_score_has_no_spread():
     assert Scores((4.0,)).confidence_interval is None
 
 
+@pytest.mark.thorough
 def test_a_huge_budget_costs_nothing_before_it_is_used():
     simulator = Simulator(load_mission("aggregation", ["duration=1"]))
     assert Designer(simulator, budget=10**12, seed=1).optimizer.ask()

@@ -181,11 +181,13 @@ class TestPages:
         index = ROOT / "docs" / "README.md"
         assert page == index or f"]({page.relative_to(index.parent)})" in index.read_text()
 
-    def test_it_begins_with_its_title_and_purpose(self, page):
-        title, empty, purpose, *_ = page.read_text().splitlines()
-        assert re.fullmatch(r"# .+", title)
+    def test_it_begins_with_its_title_and_a_paragraph(self, page):
+        title, empty, paragraph = page.read_text().split("\n", 2)
+        assert re.fullmatch(r"# \w.*[^.:]", title)
         assert not empty
-        assert re.match(r"[A-Z]\w+ ", purpose)
+        first = paragraph.partition("\n\n")[0]
+        assert not re.match(r"[#|>]|\* |- |\d+\. |```|!\[|<", first), "not a list, a table, a picture or a heading"
+        assert first.rstrip().endswith((".", ":", "*")), first
 
     def test_a_long_one_has_a_list_of_contents(self, page):
         beginning, *sections = re.split(r"^## (?=.)", prose(page), flags=re.MULTILINE)

@@ -112,6 +112,7 @@ def test_it_compares_all_that_are_alive(mdesign, folder, tmp_path):
     assert "found a targetEvaluator: it cannot be ablated" in err
 
 
+@pytest.mark.thorough
 def test_stopped_and_resumed_it_is_the_same(mdesign, folder, tmp_path):
     """Stopped by an evaluation that fails, with all of the batch run."""
     whole = tmp_path / "whole"
@@ -178,6 +179,7 @@ def test_the_command_that_shows_a_failure_runs_the_evaluator_too(mdesign, folder
     assert (folder / "log").read_text().splitlines()[-1].startswith("run 2-")
 
 
+@pytest.mark.thorough
 def test_the_optuna_storage_has_the_scores_that_were_given_last(mdesign, folder, tmp_path):
     """Also those of before a race was resumed: into a storage of its own, it brings all of them again."""
     run, few = tmp_path / "r", ("--max-experiments", 60)

@@ -5,34 +5,33 @@ import collections
 import pytest
 
 from benchmarks.fuzz_files import KINDS, fuzzed_mission
-
-MANY = 100_000
+from tests.tiers import cases, some
 
 
 def outcomes(kind, numbers):
     return collections.Counter(KINDS[kind](number) for number in numbers)
 
 
+@pytest.mark.swept
 def test_missions():
-    found = outcomes("missions", range(400))
-    assert found["refused, several mistakes"] > 80
-    assert found["refused, one mistake"] > 80
-    assert found["read"] > 20
+    numbers = some(cases(1000), 100)
+    found = outcomes("missions", numbers)
+    assert found["refused, several mistakes"] > 0.2 * len(numbers)
+    assert found["refused, one mistake"] > 0.2 * len(numbers)
+    assert found["read"] > 0.05 * len(numbers)
+    assert sum(found.values()) == len(numbers)
 
 
+@pytest.mark.swept
 def test_fsm_texts():
-    found = outcomes("fsms", range(3000))
-    assert found["refused"] > 1000
-    assert found["read"] > 100
+    numbers = some(cases(10_000), 600)
+    found = outcomes("fsms", numbers)
+    assert found["refused"] > len(numbers) / 3
+    assert found["read"] > len(numbers) / 30
     assert found["refused without a word"] == 0
+    assert sum(found.values()) == len(numbers)
 
 
 def test_the_same_number_gives_the_same_text():
     assert fuzzed_mission(7) == fuzzed_mission(7)
     assert fuzzed_mission(7) != fuzzed_mission(8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_many(kind):
-    assert sum(outcomes(kind, range(MANY)).values()) == MANY

@@ -43,6 +43,7 @@ def run(cache, *more, **environment):
     return int(announced), float(value), folder
 
 
+@pytest.mark.thorough
 def test_what_is_compiled_is_announced_once(tmp_path):
     """Though it is compiled twice, for another type of argument."""
     assert run(tmp_path, 0.4, 1)[0] == 1
@@ -63,11 +64,13 @@ def cache(filled, tmp_path):
     return shutil.copytree(filled[0], tmp_path / "cache")
 
 
+@pytest.mark.thorough
 @pytest.mark.together
 def test_the_second_process_finds_what_the_first_compiled(cache, filled):
     assert run(cache)[:2] == (0, filled[1])
 
 
+@pytest.mark.thorough
 @pytest.mark.together
 def test_another_type_of_processor_compiles_and_says_so(cache, filled):
     other = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
@@ -75,6 +78,7 @@ def test_another_type_of_processor_compiles_and_says_so(cache, filled):
     assert run(cache, **other)[0] == run(cache)[0] == 0  # the cache has both
 
 
+@pytest.mark.thorough
 @pytest.mark.together
 def test_another_installation_of_the_same_sources_finds_it_too(cache, filled, tmp_path):
     """Wherever it is, and whenever it was installed."""
@@ -122,6 +126,7 @@ def test_a_bit_that_flipped_is_never_run(cache, filled, run_here):
     assert kernel_cache.read_whole(file)
 
 
+@pytest.mark.thorough
 def test_no_room_for_a_cache_is_no_reason_to_stop(tmp_path):
     (tmp_path / "file").write_text("no folder can be made here")
     *_, folder = run(tmp_path / "file")

@@ -19,6 +19,7 @@ from mercator_design.errors import MissionError
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from tests.tiers import some
 
 MISSION = json_schema(Mission, title="Mission", given=("name",))
 ROBOT_MODEL = json_schema(RobotModel, title="Robot model", given=("name",), based=True)
@@ -49,7 +50,8 @@ def test_they_are_schemas():
     Draft202012Validator.check_schema(json.loads(json.dumps(ROBOT_MODEL, allow_nan=False)))
 
 
-@pytest.mark.parametrize("name", shipped.missions())
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some(shipped.missions(), 8))
 def test_shipped_missions_fit_as_written_and_with_every_default(name):
     assert accepts(MISSION, shipped.missions()[name].read_text())
     assert accepts(MISSION, dump(load_mission(name)))

@@ -178,6 +178,7 @@ class _Evil:
         return os.mkdir, (str(self.file),)
 
 
+@pytest.mark.thorough
 def test_what_others_planted_is_not_run(tmp_path):
     """In a folder where they may write: it is a pickle, which makes a folder when it is loaded."""
     script = "from mercator_design import jit; from mercator_design.modules.conditions import logistic\n"

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.cli import VERBS
+from tests.tiers import some
 
 ROOT = Path(__file__).parents[1]
 OF_A_ROBOT = {"click", "serial", "yaml", "_yaml"}
@@ -38,6 +39,7 @@ def test_the_dependencies_are_those_of_a_robot():
     assert [each.partition(">")[0] for each in project["dependencies"]] == ["click", "pyserial", "pyyaml"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("check", "--help"), ("stop", "--help")])
 def test_mercator_robot(arguments):
     code, out, err = light("mercator-robot", *arguments)
@@ -50,9 +52,10 @@ def test_help_of_mdesign_names_all_verbs():
     assert all(f"\n  {name} " in out for name in VERBS)
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize(
     ("program", "verb"),
-    [("mercator-robot", "twin"), *(("mdesign", name) for name, verb in VERBS.items() if not verb.is_light)],
+    some([("mercator-robot", "twin"), *(("mdesign", name) for name, verb in VERBS.items() if not verb.is_light)], 2),
 )
 def test_what_needs_more_says_what_to_install(program, verb):
     code, out, err = light(program, verb, "aggregation")
@@ -64,6 +67,7 @@ def test_what_needs_more_says_what_to_install(program, verb):
     assert err.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_light_verbs_need_no_more(tmp_path):
     bundle, fsm = tmp_path / "robot.pyz", tmp_path / "fsm.txt"
     fsm.write_text("--nstates 1 --s0 0 --rwm0 20\n")

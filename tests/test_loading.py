@@ -33,6 +33,7 @@ from mercator_design.config.writing import dump
 from mercator_design.config.yaml_tree import MAX_FILE_SIZE, MAX_MISTAKES, steps
 from mercator_design.errors import MissionError
 from tests.processes import LIMIT
+from tests.tiers import some
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -678,8 +679,9 @@ def outcomes(tmp_path_factory):
     return {Path(path).parent.name if path.endswith("a.yaml") else path: got for path, got in found.items()}
 
 
+@pytest.mark.swept
 @pytest.mark.together
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", some(ATTACKS, 6))
 def test_an_attack_is_refused_at_once_and_in_little_memory(name, outcomes):
     message, seconds = outcomes[name]
     assert ATTACKS[name][1] in message

@@ -20,6 +20,7 @@ from mercator_design.race.session.outcome import ExperimentFailed
 from mercator_design.race.session.record import Record
 from mercator_design.system import address_space
 from tests.race.racing import measure, runner, undisturbed
+from tests.tiers import takes_long
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 EVALUATE = ["evaluate", "--fsm-config", "--nstates 1 --s0 0 --rwm0 7", "--mission", "aggregation", "-n", "2", "-j", "2"]
@@ -50,6 +51,7 @@ def race(tmp_path_factory):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
 class TestALimitOfAddressSpace:
+    @pytest.mark.thorough
     @pytest.mark.parametrize("arguments", [EVALUATE, RACE, ["runs", "list"], ["validate", "aggregation"]])
     def test_in_which_libraries_have_no_room(self, tmp_path, monkeypatch, arguments):
         monkeypatch.chdir(tmp_path)
@@ -62,10 +64,12 @@ class TestALimitOfAddressSpace:
             )
             assert not list(tmp_path.iterdir())
 
+    @pytest.mark.thorough
     def test_in_which_what_needs_no_libraries_runs(self):
         assert limited(["bundle", "--help"], 300_000).returncode == 0
 
-    @pytest.mark.slow
+    @takes_long
+    @pytest.mark.thorough
     @pytest.mark.parametrize("is_cached", [True, False])
     @pytest.mark.parametrize("arguments", [EVALUATE, RACE, ["runs", "show"]])
     def test_of_any_size(self, tmp_path, monkeypatch, race, arguments, is_cached):
@@ -127,6 +131,7 @@ def test_what_is_a_lack_of_memory():
 class TestWorkers:
     """An experiment without memory stops a race, also one that rejects configurations that fail."""
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("executor", [ThreadExecutor(1), ThreadExecutor(2), ProcessExecutor(2)])
     def test_it_stops_the_race_which_can_be_resumed(self, executor):
         def greedy(item):

@@ -14,10 +14,11 @@ from mercator_design.missions.mission import parse_mission
 from mercator_design.seeds import generator
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
-pytestmark = pytest.mark.together
+pytestmark = [pytest.mark.together, pytest.mark.swept]
 
-SEEDS = range(1, 21)
+SEEDS = some(range(1, 21), 2)
 ALL = [(class_, seed) for class_ in CLASSES for seed in SEEDS]
 
 

@@ -8,6 +8,7 @@ import pytest
 import mercator_design as md
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.task import RaceResult
+from tests.tiers import some
 
 MACHINE = "--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.5 --s1 1"
 
@@ -60,7 +61,8 @@ def test_a_race_that_runs_has_no_winner_yet():
     with_events.close()
 
 
-@pytest.mark.parametrize("name", [name for name in LINES if name != "RobotModel"])
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some([name for name in LINES if name != "RobotModel"], 2))
 def test_a_notebook_shows_a_picture(values, name):
     shown = values[name]._repr_html_()
     assert ("<img " in shown) if name in {"Mission", "SimulatedTrace"} else ("<svg " in shown)
@@ -90,6 +92,7 @@ def test_a_trace_of_tracked_robots_is_a_line(values):
     assert "<img" not in tracked._repr_html_()
 
 
+@pytest.mark.thorough
 def test_it_needs_no_notebook_and_draws_only_when_asked():
     code = (
         "import sys, mercator_design as md; pfsm = md.parse_fsm('--nstates 1 --s0 1'); before = {*sys.modules};"

@@ -18,6 +18,7 @@ from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.sim.simulate import Simulator
 from tests.race.work import process_of
+from tests.tiers import some
 
 OBJECTIVE = """
 from mercator_design.missions.plugins import objective
@@ -81,6 +82,7 @@ def scores(executor, function):
 
 
 class TestProcesses:
+    @pytest.mark.thorough
     def test_an_edited_plugin_is_run_as_it_was_with_what_it_imports(self, tmp_path):
         """Also by the worker that takes the place of one that was killed; and here, when it is imported later."""
         (tmp_path / "my.py").write_text(WITH_HELPERS)
@@ -212,7 +214,8 @@ class TestRunFolder:
         assert code == 0, err
         assert "with the same results" in out
 
-    @pytest.mark.parametrize("file", ["my.py", "parts/values.py"])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("file", some(["my.py", "parts/values.py"], 2))
     @pytest.mark.parametrize("verb", [("race", "--resume"), ("runs", "verify"), ("runs", "ablation")])
     def test_a_plugin_that_is_not_what_it_was_is_not_run(self, mdesign, raced, tmp_path, verb, file):
         mark = tmp_path / "it ran"

@@ -18,6 +18,7 @@ from mercator_design.results.files import JOURNAL
 from mercator_design.results.tables import experiments_table
 from tests.processes import LIMIT, signal_when, started, wait_until
 from tests.race.test_target import gone
+from tests.tiers import some
 
 MDESIGN = [sys.executable, "-m", "mercator_design"]
 SPACE = """
@@ -134,6 +135,7 @@ class TestTune:
         same, before = (read(folder / JOURNAL).record for folder in (tmp_path / "again", undisturbed[1]))
         assert (same.view.results(), same.configurations) == (before.view.results(), before.configurations)
 
+    @pytest.mark.thorough
     def test_killed_and_resumed(self, mdesign, undisturbed, tmp_path):
         folder, whole = undisturbed
         run = tmp_path / "r"
@@ -146,7 +148,8 @@ class TestTune:
         for name in ("best.txt", "results.csv"):
             assert (run / name).read_bytes() == (whole / name).read_bytes()
 
-    @pytest.mark.parametrize("options", [[], ["--speculate"]])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("options", some([[], ["--speculate"]], 1))
     def test_the_budget_is_that_of_runs(self, mdesign, tmp_path, options):
         """The runner notes each run."""
         folder = written(tmp_path / "s", RUNNER.replace("#!/bin/sh\n", '#!/bin/sh\necho "$*" >> runs\n'))
@@ -356,6 +359,7 @@ class TestFailures:
         assert len(failed)
         assert all(record.configurations[configuration]["x"] > 20 for configuration in failed.configuration)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(("number", "code", "word"), [INTERRUPTED, TERMINATED, (signal.SIGHUP, 75, "Terminated.")])
     def test_a_signal_ends_what_runs(self, mdesign, tmp_path, number, code, word):
         """A run may take hours: it is not waited for; nor is it noted as failed."""
@@ -377,6 +381,7 @@ class TestFailures:
         (folder / "go").touch()
         assert mdesign("tune", "--resume", run)[0] == 0
 
+    @pytest.mark.thorough
     def test_its_terminal_is_closed(self, tmp_path):
         """That is told by a signal, perhaps twice; then there is nobody to tell anything."""
         folder = written(tmp_path / "s", WAITING, SHORT)
@@ -393,6 +398,7 @@ class TestFailures:
         assert gone(child)
         assert read(tmp_path / "r" / JOURNAL).record.sessions[-1].why == "Signalled"
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(
         ("command", "number", "code", "word"),
         [
@@ -477,6 +483,7 @@ class TestExport:
         assert (code, out) == (0, f"cd '{folder}' && irace --scenario scenario.txt\n")
         return folder
 
+    @pytest.mark.thorough
     def test_a_tiny_budget_runs(self, mdesign, exported, tmp_path):
         (exported / "scenario.txt").write_text(
             (exported / "scenario.txt").read_text() + "nbIterations = 1\nminNbSurvival = 1\nfirstTest = 1\nmu = 1\n"
@@ -508,6 +515,7 @@ class TestExport:
         assert (done.returncode, done.stdout) == (3, "")
         assert "--nstates" in done.stderr
 
+    @pytest.mark.thorough
     @pytest.mark.usefixtures("registries")
     def test_plugins_come_along(self, mdesign, tmp_path, monkeypatch):
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import mannwhitneyu, rankdata
 
 from benchmarks.two_samples import POWER, mann_whitney, rejected, share_above, visible_shift
+from tests.tiers import some
 
 
 def enumerated(some, others):
@@ -47,7 +48,8 @@ def test_benjamini_and_hochberg():
     assert rejected([], 0.01) == []
 
 
-@pytest.mark.parametrize(("n", "m", "level"), [(40, 200, 1e-5), (10, 50, 1e-4), (5, 50, 1e-3)])
+@pytest.mark.swept
+@pytest.mark.parametrize(("n", "m", "level"), some([(40, 200, 1e-5), (10, 50, 1e-4), (5, 50, 1e-3)], 1))
 def test_the_shift_that_is_called_visible_is_found_as_often_as_said(n, m, level):
     """Of 200 samples; five standard errors."""
     random = np.random.default_rng(4)

@@ -13,6 +13,7 @@ from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.session.journal import read
 from mercator_design.results.files import JOURNAL
+from tests.tiers import some
 
 pytestmark = pytest.mark.together
 
@@ -46,7 +47,8 @@ def slower(folder):
 
 
 class TestRobotModel:
-    @pytest.mark.parametrize("verb", [("evaluate", "-n", 2), ("record", "-o", "t.csv")])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("verb", some([("evaluate", "-n", 2), ("record", "-o", "t.csv")], 1))
     def test_one_that_was_edited_is_refused(self, mdesign, raced, tmp_path, monkeypatch, verb):
         monkeypatch.chdir(tmp_path)
         name, *options = verb

@@ -8,6 +8,7 @@ from scipy import optimize, stats
 
 from mercator_design.calibration.noise import FAMILIES, SIMULATIONS, fit_gaussian, fit_noise, fit_uniform, levels_of
 from tests.calibration import recordings
+from tests.tiers import some
 
 GAUSSIAN, UNIFORM = FAMILIES
 # channels, measurements of each, step, parameter
@@ -29,7 +30,8 @@ def test_distributions_are_those_of_scipy(family, known):
     assert family.draw(np.random.default_rng(1), 1.5, 10) == pytest.approx(drawn, abs=1e-12)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.swept
+@pytest.mark.parametrize("case", some(CASES, 2))
 def test_gaussian_noise_is_recovered(case):
     channels, n, step, sd = case
     noise = fit_noise(measured(GAUSSIAN, *case), np.random.default_rng(2))
@@ -42,7 +44,8 @@ def test_gaussian_noise_is_recovered(case):
     assert noise.aic_difference > 10.0 or step > sd
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.swept
+@pytest.mark.parametrize("case", some(CASES, 2))
 def test_uniform_noise_is_recovered(case):
     channels, n, step, half_width = case
     noise = fit_noise(measured(UNIFORM, *case), np.random.default_rng(2))

@@ -102,6 +102,7 @@ def a_run_and_its_replay(application, python, folder):
     assert len(replayed.stdout.splitlines()) == 5, "too busy?"
 
 
+@pytest.mark.thorough
 def test_services_run_this_file(application, python, tmp_path):
     done = run(python, application, "install", "--root", tmp_path, folder=tmp_path)
     assert done.stdout.count(" written\n") == 4, done.stderr
@@ -130,6 +131,7 @@ for name, module in sys.modules.items():
     assert {Path(place).suffix for *_, place in places} == {".pyc"}, "compiled again at each start"
 
 
+@pytest.mark.thorough
 def test_byte_code_of_another_python_is_not_used(application, python, tmp_path, monkeypatch):
     monkeypatch.setattr(bundling, "MAGIC_NUMBER", b"\0\0\r\n")
     file = tmp_path / "robot.pyz"
@@ -142,6 +144,7 @@ def test_byte_code_of_another_python_is_not_used(application, python, tmp_path, 
 COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/user_folders")}
 
 
+@pytest.mark.thorough
 def test_all_that_is_imported_later_is_in_it_too(sources):
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     heavy = next(each for each in contracts if "plain Python" in each["name"])["forbidden_modules"]
@@ -237,6 +240,7 @@ class TestTheCommand:
         words = "Error: nowhere/robot.pyz: cannot be written: No such file or directory\n"
         assert mdesign("bundle", "-o", "nowhere/robot.pyz") == (1, "", words)
 
+    @pytest.mark.thorough
     def test_a_pipe_keeps_its_rights(self, mdesign, tmp_path):
         pipe, read = tmp_path / "pipe", []
         os.mkfifo(pipe, 0o600)

@@ -50,6 +50,7 @@ def test_a_table_of_batteries_lines_and_clocks_and_what_is_wrong(deploy, robots,
     assert not any(devices.drives() for devices in robots)
 
 
+@pytest.mark.thorough
 def test_a_device_that_is_left_out_is_not_looked_at(deploy, robots, field):
     for devices in robots:
         devices.unplugged.add("lidar")
@@ -60,7 +61,7 @@ def test_a_device_that_is_left_out_is_not_looked_at(deploy, robots, field):
     assert not any(devices.lidar_commands for devices in robots)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nothing_starts_if_something_is_wrong(deploy, robots, field):
     robots[1].rvr.level = 9.0
     code, out, _ = deploy("fsm.txt", "--check", "--start")

@@ -101,6 +101,7 @@ def test_of_two_starts_at_once_one_is_refused(deploy, field):
         assert devices.rests_since() < time.monotonic()
 
 
+@pytest.mark.thorough
 def test_a_robot_that_does_not_start(deploy, field):
     for name in ("r1", "r2"):
         (field / name / "mercator").mkdir()
@@ -157,6 +158,7 @@ def test_an_ssh_that_does_not_end(field, monkeypatch):
             assert (each.has_ended, each.words) == (True, "the connection has ended, ssh has not")
 
 
+@pytest.mark.thorough
 def test_an_fsm_of_another_flavour_that_is_run_as_it_was_checked(deploy, field):
     (field / "fsm.txt").write_text("--nstates 1 --s0 5 --rep0 4 --rep0 5")
     code, _, err = deploy("fsm.txt", "--flavour", "chocolate")

@@ -42,7 +42,7 @@ CLIENT = "IdentityFile {folder}/key\nUserKnownHostsFile {folder}/known\nStrictHo
 GO = "# mission: aggregation\n--nstates 1 --s0 0 --rwm0 20\n"
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.thorough,
     pytest.mark.skipif(not all((SSHD, SSH, SCP, KEYGEN)), reason="no OpenSSH server here"),
 ]
 

@@ -126,7 +126,7 @@ def test_they_start_without_a_device_that_the_pfsm_does_not_need(deploy, robots,
     assert start["without"] == ["lidar"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, number):
     def act():
@@ -143,7 +143,7 @@ def test_if_one_is_killed_before_the_start_none_moves(deploy, robots, field, num
     assert not robots[1].drives()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, field):
     with starting() as leader:
         for devices in robots:
@@ -158,7 +158,7 @@ def test_if_who_starts_them_is_killed_none_moves_and_none_stays_armed(robots, fi
         assert "the connection to the computer that starts the robots has ended" in said.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_person_who_interrupts_the_start(robots, field):
     with starting() as leader:
         for devices in robots:
@@ -173,7 +173,7 @@ def test_a_person_who_interrupts_the_start(robots, field):
         assert "Error: the start was called off: interrupted\n" in said.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_that_is_late_stops_the_others(deploy, robots, field):
     """By more than a control cycle: it does not drive, and who has begun is stopped."""
     python = field / "bin/python3"
@@ -196,7 +196,7 @@ if "run" in sys.argv and Path.cwd().parent.name == "r2":
     assert "Error: the start was called off: r2: the start is late by" in out
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_that_cannot_be_reached_any_more_is_stopped_over_another_connection(deploy, robots, field):
     """Its ssh has ended by itself, and the run there goes on waiting."""
     ssh = field / "bin/ssh"

@@ -8,7 +8,7 @@ from typing import get_args
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
@@ -25,6 +25,7 @@ from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS
 from mercator_design.modules.module import numbered
 from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS
 from tests.fsm.strategies import OF_NAME, WORD, pfsms
+from tests.tiers import cases, some
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
 SCHEMA = Draft202012Validator(json_schema(NamedPfsm, title="A PFSM"))
@@ -83,7 +84,8 @@ def check_round_trip(file: FsmFile, path: Path) -> None:
     assert read_fsm(path) == file
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.swept
+@pytest.mark.parametrize("flavour", some(FLAVOURS, 1))
 def test_published_controllers_round_trip(flavour, tmp_path):
     for line in PUBLISHED[flavour].values():
         file = FsmFile(pfsm=parse(line, flavour), header={"mission": "home"})
@@ -92,17 +94,16 @@ def test_published_controllers_round_trip(flavour, tmp_path):
 
 
 @given(pfsms(), st.lists(NAME, min_size=MAX_STATES, max_size=MAX_STATES, unique=True), st.booleans())
-@settings(max_examples=30)
 def test_any_pfsm_round_trips(pfsm, names, named):
     file = FsmFile(pfsm=pfsm, header={}, names=tuple(names[: len(pfsm.states)]) if named else ())
     assert from_yaml(fsm_yaml_text(file)) == file
     SCHEMA.validate(yaml.safe_load(fsm_yaml_text(file)))
 
 
-@pytest.mark.slow
-def test_a_hundred_thousand_round_trip(tmp_path):
+@pytest.mark.thorough
+def test_many_round_trip(tmp_path):
     draws = random.Random(1)
-    for _ in range(100_000):
+    for _ in cases(2000):
         check_round_trip(random_file(draws), tmp_path / "fsm.txt")
 
 

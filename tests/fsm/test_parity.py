@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
@@ -69,7 +69,6 @@ def probable(position, model, readings, parameters):
 
 
 @pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda m: m.name)
-@settings(max_examples=60)
 @given(data=st.data())
 def test_behaviours(module, data):
     position = BEHAVIOURS.index(module)
@@ -86,7 +85,6 @@ def test_behaviours(module, data):
 
 
 @pytest.mark.parametrize("module", CONDITIONS, ids=lambda m: m.name)
-@settings(max_examples=60)
 @given(data=st.data())
 def test_conditions_are_probabilities(module, data):
     position = CONDITIONS.index(module)
@@ -97,7 +95,6 @@ def test_conditions_are_probabilities(module, data):
     assert 0.0 <= plain <= 1.0
 
 
-@settings(max_examples=100)
 @given(st.data())
 def test_perception(data):
     model = data.draw(MODELS)
@@ -122,7 +119,6 @@ def test_perception(data):
     assert math.hypot(plain.neighbours_x, plain.neighbours_y) <= n * 1e6 * math.sqrt(2.0) * (1.0 + 1e-12)
 
 
-@settings(max_examples=60)
 @given(
     pfsms(),
     st.lists(st.tuples(READINGS, st.lists(DRAW, min_size=DRAWS, max_size=DRAWS)), max_size=12),
@@ -137,7 +133,6 @@ def test_control_cycles(pfsm, cycles, model):
         assert int(memory[0]) == controller.state
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_lidar_neighbours(data):
     model = data.draw(MODELS)
@@ -153,7 +148,6 @@ def test_lidar_neighbours(data):
     assert all(model.lidar_nearest <= distance <= model.neighbour_range for distance in plain_rows[0][:n])
 
 
-@settings(max_examples=60)
 @given(MODELS, st.lists(st.floats(0, 1), min_size=8, max_size=8), st.floats(0, 16), st.floats(0, 16))
 def test_light_and_votes(model, readings, blacks, whites):
     angles = np.linspace(-3, 3, 8)
@@ -164,7 +158,6 @@ def test_light_and_votes(model, readings, blacks, whites):
     assert compiled(ground_by_vote)(model, blacks, whites) == ground_by_vote(model, blacks, whites)
 
 
-@settings(max_examples=60)
 @given(st.lists(st.sampled_from([0.0, 127.0, 255.0, 93.5]), min_size=3, max_size=30), st.tuples(LEVEL, LEVEL, LEVEL))
 def test_labels(levels, measured):
     labels = levels[: len(levels) // 3 * 3]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
 from mercator_design.fsm.text import parse
@@ -140,7 +140,6 @@ def test_a_pfsm_is_the_same_as_itself():
 
 
 @given(pfsms())
-@settings(max_examples=20)
 def test_renumbering_is_no_change(pfsm):
     order = [0, *range(len(pfsm.states) - 1, 0, -1)]
     kind, found = changes(renumbered(pfsm, order, np.random.default_rng(1)), pfsm)

@@ -21,6 +21,7 @@ from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.missions.plugins import DYNAMICS
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -165,7 +166,8 @@ def digest(outcome):
     return outcome.score, hashlib.sha256(outcome.trace.poses.tobytes()).hexdigest()
 
 
-@pytest.mark.parametrize("name", CHANGING)
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some(CHANGING, 1))
 def test_engine_and_referee_agree_to_the_last_bit(name):
     mission = load_mission(name)
     if mission.robots > 3:
@@ -191,6 +193,7 @@ print(o.score, hashlib.sha256(o.trace.poses.tobytes()).hexdigest())
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "given"), [("cleaning", 1), ("changing_decision", 2)])
 def test_plain_python_agrees_too(name, given):
     overrides = ["duration=8", "floor.dynamics[0].times=[4]"][:given]

@@ -285,6 +285,7 @@ def inside_rows(floor, rows, points):
     return trace.inside(("here",), "end")[0]
 
 
+@pytest.mark.thorough
 def test_points_may_come_in_any_arrangement():
     floor = table(Disc(center=(0.0, 0.0), radius=1.0, color="red"))
     poses = RNG.uniform(-2, 2, (7, 5, 3))

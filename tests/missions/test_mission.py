@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
@@ -45,6 +45,7 @@ from mercator_design.missions.placement import (
 from mercator_design.missions.trace import Trace, every_nth
 from mercator_design.sim.simulate import Simulator
 from tests.fsm.strategies import OF_NAME, WORD
+from tests.tiers import some
 
 SHIPPED = shipped.missions()
 shipped_mission = functools.cache(load_mission)
@@ -70,7 +71,8 @@ def test_the_missions_of_the_paper_are_shipped():
     assert {"aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"} <= set(SHIPPED)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some(SHIPPED, 6))
 def test_british_and_american_spelling_are_read_alike(name):
     text = SHIPPED[name].read_text()
     pairs = (("color", "colour"), ("gray", "grey"), ("center", "centre"), ("imise", "imize"))
@@ -96,6 +98,7 @@ class TestShipped:
         mission = shipped_mission(name)
         assert parse_mission(dump(mission)) == mission
 
+    @pytest.mark.thorough
     def test_a_trace_gets_a_finite_score(self, name):
         mission = shipped_mission(name)
         assert np.isfinite(mission.objective(instance(mission)))
@@ -524,7 +527,6 @@ def test_parameters_of_an_objective_are_checked_when_it_is_read(objective, messa
         parse_mission(text, name="m")
 
 
-@settings(max_examples=60, deadline=None)
 @given(_missions)
 def test_any_mission_is_read_back_as_it_was_written(mission):
     assert parse_mission(dump(mission), name="other") == mission

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -169,7 +169,6 @@ class TestCellAge:
     def test_the_start_is_no_visit(self):
         assert cell_age(walk((0.0, 0.0), AWAY, AWAY), side=1.0, cells=1) == 0.0 + 1.0
 
-    @settings(max_examples=50, deadline=None)
     @given(
         hnp.arrays(float, st.tuples(st.integers(2, 30), st.integers(1, 4), st.just(2)), elements=st.floats(-3, 3)),
         st.floats(0.5, 5),

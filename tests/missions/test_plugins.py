@@ -23,6 +23,7 @@ from mercator_design.missions.mission import Objective, load_mission, parse_miss
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 NORTHERN = '''
 """An objective of a user's own."""
@@ -383,6 +384,7 @@ class TestLoading:
             load_plugin(write(f"import my\n{NORTHERN.replace('northernmost', 'other')}", "other/second.py"))
         assert everything_registered() == before
 
+    @pytest.mark.thorough
     def test_dynamics_are_called_whenever_they_are_loaded(self, write, monkeypatch):
         """After experiments, several of them, and others in their places: the compiled loop calls the right ones."""
         Simulator(load_mission("aggregation", ["duration=1"])).run(EXPLORE, 1)
@@ -444,15 +446,19 @@ class TestLoading:
                 simulator.run(EXPLORE, 1)
         assert Simulator(load_mission("aggregation", ["duration=1"])).run(EXPLORE, 1).score >= 0
 
+    @pytest.mark.swept
     @pytest.mark.parametrize(
         ("body", "message"),
-        [
-            ("floor.zones[row + 10 ** 9, 3] = 1.0", "IndexError: index "),
-            ("table[len(table), 0] = 1.0", "IndexError: index "),
-            ("touch(table, len(table))", "IndexError: index "),
-            ("floor.zones[row, 3] = 1.0 / (time - time)", "ZeroDivisionError: "),
-            ("floor.zones[row, 3] = 7 // (row - row)", "ZeroDivisionError: "),
-        ],
+        some(
+            [
+                ("floor.zones[row + 10 ** 9, 3] = 1.0", "IndexError: index "),
+                ("table[len(table), 0] = 1.0", "IndexError: index "),
+                ("touch(table, len(table))", "IndexError: index "),
+                ("floor.zones[row, 3] = 1.0 / (time - time)", "ZeroDivisionError: "),
+                ("floor.zones[row, 3] = 7 // (row - row)", "ZeroDivisionError: "),
+            ],
+            3,
+        ),
     )
     def test_an_index_and_a_division_are_checked_as_in_python(self, write, monkeypatch, body, message):
         text = SHRINK.replace("        if zone_contains(floor, row, poses[i, 0], poses[i, 1]):\n    ", "")
@@ -514,6 +520,7 @@ class TestLoading:
         with pytest.raises(IndexError, match=linking.NOT_LINKED):
             simulator.run(EXPLORE, 1)
 
+    @pytest.mark.thorough
     def test_arrays_may_have_any_layout(self, write):
         load_plugin(write(SHRINK))
         instance = Simulator(load_mission("aggregation", [dynamic_of("shrinking")])).instance(1)

@@ -14,6 +14,7 @@ from mercator_design.config import schema, shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES
+from tests.tiers import some
 
 ROOT = Path(__file__).parents[2]
 EXPECTED = json.loads((ROOT / "tests" / "data" / "expected_scores.json").read_text())["missions"]
@@ -24,8 +25,8 @@ FEW = 4
 simulator_of = functools.cache(expected.simulator)
 
 
-@pytest.mark.parametrize("name", shipped.missions())
 class TestEveryMission:
+    @pytest.mark.parametrize("name", shipped.missions())
     def test_it_says_what_it_is_in_a_line(self, name):
         mission = load_mission(name)
         for text in (mission.description, mission.source):
@@ -35,6 +36,8 @@ class TestEveryMission:
             line.startswith("#") for line in shipped.missions()[name].read_text().split("schema:")[0].splitlines()
         )
 
+    @pytest.mark.swept
+    @pytest.mark.parametrize("name", some(shipped.missions(), 4))
     def test_three_fsms_score_as_they_should(self, name):
         """Chance of failing by luck below 1e-6 for all missions together; see benchmarks/expected_scores.py."""
         assert name in EXPECTED, f"no scores of {name}; make them with: python benchmarks/expected_scores.py {name}"
@@ -47,6 +50,7 @@ class TestEveryMission:
             if n == expected.RUNS:  # scores of few seeds can be known, but the mean is within a band
                 assert entry["low"] - 1e-9 <= np.mean(found) <= entry["high"] + 1e-9, f"{label}: expected {entry}"
 
+    @pytest.mark.parametrize("name", shipped.missions())
     def test_enough_is_expected_of_it_to_tell_one_mission_from_another(self, name):
         entries = EXPECTED[name].values()
         assert len(entries) == 3

@@ -1,5 +1,4 @@
 import contextlib
-import functools
 import importlib.util
 import logging
 import os
@@ -12,21 +11,17 @@ import threading
 import time
 from pathlib import Path
 
-import click
 import pytest
 
-from mercator_design.cli.races.race import _executor, race
-from mercator_design.errors import RaceError
 from mercator_design.race.executors import dask
 from mercator_design.race.executors.dask import DaskExecutor
-from mercator_design.race.executors.executor import ExecutorLost, Failed, WorkerUnfit, in_order
-from mercator_design.race.executors.threads import ThreadExecutor
+from mercator_design.race.executors.executor import Failed, WorkerUnfit, in_order
 from mercator_design.race.session.events import ExperimentDone
 from mercator_design.race.session.record import Record
 from tests.processes import LIMIT, started, wait_until
 from tests.race.executor_conformance import WorkersConformance
 from tests.race.racing import runner, undisturbed
-from tests.race.work import SLOW, Dies, DiesLate, DiesLoading, Refused, begins, compiles, process_of, square, task_of
+from tests.race.work import SLOW, Dies, DiesLate, DiesLoading, compiles, process_of, square, task_of
 
 pytestmark = pytest.mark.timing
 
@@ -135,89 +130,22 @@ class TestDeaths:
         assert {results[k] for k in range(100) if k != 50} == set(range(100)) - {50}
 
 
-def end(cluster, _):
-    cluster.close()
+def test_a_connection_that_is_lost_and_not_closed(tmp_path, monkeypatch):
+    """As of a machine that hangs: the race is told so, and can be stopped."""
+    monkeypatch.setattr(dask, "SILENCE", 0.1)
+    file, told = tmp_path / "scheduler.json", []
 
+    def announce(what):
+        told.append(what)
+        executor.stop()
 
-def close_client(_, executor):
-    executor._client.close()
-
-
-class TestLoss:
-    @pytest.fixture
-    def cluster(self):
-        """In this process."""
-        distributed = pytest.importorskip("distributed")
-        with distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=logging.CRITICAL
-        ) as cluster:
-            yield cluster
-
-    @pytest.mark.parametrize("on_failure", ["stop", "reject"])
-    @pytest.mark.parametrize("lose", [end, close_client])
-    def test_of_a_cluster_is_no_failure_of_an_experiment(self, cluster, lose, on_failure):
-        record = Record()
-        with DaskExecutor(cluster.scheduler_address) as executor:
-            race = runner(record, executor, on_failure=on_failure)
-            for event in race:
-                if isinstance(event, ExperimentDone) and len(record.experiments) == 50:
-                    break
-            lose(cluster, executor)
-            with pytest.raises(ExecutorLost, match="lost the Dask cluster"):
-                race.finish()
-        assert not any(one.failure for one in record.experiments.values())
-        with ThreadExecutor(1) as executor:
-            runner(record, executor).finish()
-        assert record.digest() == undisturbed().digest()
-
-    def test_of_tasks_that_someone_cancels_is_none_either(self, cluster, tmp_path):
-        def restart():
-            wait_until((tmp_path / "began").exists)
-            with cluster.get_client() as client:
-                client.restart(wait_for_workers=False)
-
-        thread = threading.Thread(target=restart)
-        with DaskExecutor(cluster.scheduler_address) as executor:
-            thread.start()
-            with pytest.raises(ExecutorLost, match="lost the Dask cluster"):
-                list(executor.run(functools.partial(begins, tmp_path), [0]))
-            (tmp_path / "go").touch()
-            thread.join()
-
-    def test_what_dask_itself_cannot_run_is_not_one_either(self, cluster, monkeypatch):
-        monkeypatch.setattr(dask, "_call_all", Refused())
-        unfit = pytest.raises(WorkerUnfit, match=r"the scheduler or a worker cannot run this race: .*another version")
-        with DaskExecutor(cluster.scheduler_address) as executor, unfit:
-            list(executor.run(square, range(3)))
-
-    def test_of_workers_with_results_that_nobody_has_fetched(self, cluster, monkeypatch):
-        """A race that waits for their workers is told so, and can be stopped."""
-        monkeypatch.setattr(dask, "CHECK_EVERY", 0.05)
-        (worker,) = cluster.workers.values()
-
-        async def leave(*_, **__):
-            await worker.close(executor_wait=False)
-
-        worker.handlers["get_data"] = leave
-        with DaskExecutor(cluster.scheduler_address, announce=lambda _: executor.stop()) as executor:
-            assert list(executor.run(square, range(2))) == []
-
-    def test_of_a_connection_that_is_not_closed(self, tmp_path, monkeypatch):
-        """As of a machine that hangs: the race is told so, and can be stopped."""
-        monkeypatch.setattr(dask, "SILENCE", 0.1)
-        file, told = tmp_path / "scheduler.json", []
-
-        def announce(what):
-            told.append(what)
-            executor.stop()
-
-        command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
-        with started(*command, "--scheduler-file", file, stderr=subprocess.DEVNULL) as process:
-            wait_until(file.exists)
-            with DaskExecutor(str(file), announce=announce) as executor:
-                process.send_signal(signal.SIGSTOP)
-                assert list(executor.run(square, range(3))) == []
-        assert told == [f"{file}: the scheduler does not answer; the race waits for it"]
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
+    with started(*command, "--scheduler-file", file, stderr=subprocess.DEVNULL) as process:
+        wait_until(file.exists)
+        with DaskExecutor(str(file), announce=announce) as executor:
+            process.send_signal(signal.SIGSTOP)
+            assert list(executor.run(square, range(3))) == []
+    assert told == [f"{file}: the scheduler does not answer; the race waits for it"]
 
 
 class TestUnfit:
@@ -229,47 +157,11 @@ class TestUnfit:
             list(executor.run(DiesLoading(), range(2)))
 
 
-def test_dask_logs_nothing(monkeypatch):
-    """It would log tracebacks when a scheduler ends."""
-    distributed = pytest.importorskip("distributed")
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado.application")]
-    for logger in loggers:
-        monkeypatch.setattr(logger, "level", logging.WARNING)
-    with (
-        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster,
-        click.Context(race),
-        _executor("dask", None, cluster.scheduler_address, None),
-    ):
-        assert not any(logger.isEnabledFor(logging.ERROR) for logger in loggers)
-
-
-def test_no_worker_is_there(monkeypatch):
-    """It is told, and nothing waits any longer once all is to stop."""
-    distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(dask, "CHECK_EVERY", 0.05)
-    told = []
-
-    def announce(what):
-        told.append(what)
-        executor.stop()
-
-    with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster:
-        with DaskExecutor(cluster.scheduler_address, announce=announce) as executor:
-            assert list(executor.run(square, range(3))) == []
-        assert told == [f"{cluster.scheduler_address}: no worker is connected; the race waits for one"]
-
-
 def test_workers_that_compile_say_so_while_they_run():
     said = queue.SimpleQueue()
     with local_cluster(1) as cluster, DaskExecutor(cluster.scheduler_address, announce=said.put) as executor:
         assert dict(executor.run(compiles, range(3))) == {k: k for k in range(3)}
         assert said.get(timeout=LIMIT) == "1 worker compiles, which may take a minute"
-
-
-def test_nobody_there():
-    pytest.importorskip("distributed")
-    with pytest.raises(RaceError, match=r"tcp://127.0.0.1:9: expected a Dask scheduler there"):
-        DaskExecutor("tcp://127.0.0.1:9", timeout=0.5)
 
 
 @needs_jobqueue

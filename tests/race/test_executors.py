@@ -150,6 +150,7 @@ class TestProcesses(WorkersConformance):
 
 
 class TestWorkers:
+    @pytest.mark.thorough
     def test_those_that_compile_say_so_while_they_run(self):
         said = queue.SimpleQueue()
         with ProcessExecutor(2, announce=said.put) as executor:
@@ -168,11 +169,13 @@ class TestWorkers:
         assert {k: results[k] for k in range(6) if k != 4} == {k: k for k in range(6) if k != 4}
         assert (tmp_path / "2").exists()
 
+    @pytest.mark.thorough
     def test_those_that_die_as_they_load_a_function_fail_no_experiment(self):
         unfit = pytest.raises(WorkerUnfit, match="workers die before they have run anything")
         with ProcessExecutor(1) as executor, unfit:
             list(executor.run(DiesLoading(), range(2)))
 
+    @pytest.mark.thorough
     def test_one_that_dies_while_it_is_idle_is_replaced(self):
         with ProcessExecutor(1) as executor:
             found = executor.run(process_of, iter(range(3)))
@@ -185,6 +188,7 @@ class TestWorkers:
             ((_, second), (_, third)) = found
         assert second == third != worker
 
+    @pytest.mark.thorough
     def test_what_takes_too_long(self, tmp_path):
         """Once, which may be an accident; and again. No time passes but when it hangs, during the hand-out."""
 
@@ -211,6 +215,7 @@ class TestWorkers:
             workers = set(in_order(executor, process_of, range(2)))
         assert all(map(gone, workers))
 
+    @pytest.mark.thorough
     def test_workers_end_when_their_main_process_is_killed(self, tmp_path):
         script = tmp_path / "script.py"
         script.write_text(
@@ -238,6 +243,7 @@ if __name__ == "__main__":
                     os.kill(worker, signal.SIGKILL)
 
 
+@pytest.mark.thorough
 def test_functions_of_a_script_reach_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

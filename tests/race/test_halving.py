@@ -23,6 +23,7 @@ from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines
 from tests.race.test_structure import SPACE as OF_PAIRS
 from tests.race.test_structure import Pairs
+from tests.tiers import some
 
 QUICK = HalvingOptions(surrogate=0)
 """Without the surrogate, which takes most of the time of a race."""
@@ -58,10 +59,11 @@ def by_generation(found):
 
 
 class TestBudget:
+    @pytest.mark.swept
     @pytest.mark.parametrize("name", SPACES)
     def test_it_is_never_exceeded_and_used_to_the_last_pair(self, name):
         """A single experiment that is left compares nothing."""
-        for budget in [*range(20, 101, 1 if name == "numbers" else 9), 311]:
+        for budget in some([*range(20, 101, 1 if name == "numbers" else 9), 311], 4):
             race = Halving(SPACES[name], budget=budget, seed=budget, options=QUICK)
             told = run(race, cost=size_of)  # checks each batch
             assert budget - 1 <= race.used == len(told) <= budget
@@ -72,11 +74,12 @@ class TestBudget:
             assert race.stop_reason
             assert race.lookahead(9) == []
 
-    @pytest.mark.parametrize("budget", [20, 21, 37, 66, 100, 300])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("budget", some([20, 21, 37, 66, 100, 300], 3))
     @pytest.mark.parametrize("space", ["mixed", "nine"])
     def test_with_any_options(self, budget, space):
         draws = random.Random(budget)
-        for elites in (2, 3, 5, 30):
+        for elites in some((2, 3, 5, 30), 2):
             for first, confirmation in ((0, 0), (1, 0), (0, 1), (0.5, 0.5), (draws.random() / 2, draws.random() / 2)):
                 options = HalvingOptions(surrogate=0, first=first, confirmation=confirmation, elites=elites)
                 race = Halving(SPACES[space], budget=budget, seed=1, options=options)
@@ -84,12 +87,13 @@ class TestBudget:
                 assert budget - 1 <= race.used <= budget
                 assert len(race.elites) <= elites
 
+    @pytest.mark.swept
     @pytest.mark.parametrize("rung", [0, 0.75, 1])
     def test_with_few_configurations_and_any_rung(self, rung):
         """Fewer newcomers than were asked for may take more experiments. The confirmation keeps its part."""
         for size in (17, 21, 26, 27):
             space = Space([integer("a", 1, size)])
-            for budget in range(20, 64, 6):
+            for budget in some(range(20, 64, 6), 2):
                 for confirmation in (0, 0.15):
                     options = HalvingOptions(
                         surrogate=0, first=0.4 * (size % 2), confirmation=confirmation, elites=2, rung=rung
@@ -130,12 +134,20 @@ class TestBudget:
 
 
 class TestGenerations:
-    def test_each_rung_halves_them_until_five_are_left(self):
-        """Few run on several instances: three quarters of 31 newcomers are 23 experiments."""
+    def test_each_rung_halves_them_until_the_elites_are_left(self):
         race = Halving(MIXED, budget=1000, seed=1)
         found = by_generation(batches_of(race))
-        assert [len(batch) for batch in found[1]] == [200, 100, 50, 25, 2 * 13, 3 * 7]
-        assert [len(batch) for batch in found[2]] == [36, 18, 3 * 9]  # 31 newcomers, the root of 1000
+        n_elites = race.options.elites
+        for batches in list(found.values())[
+            :-2
+        ]:  # the budget may end the last one early; then there is the confirmation
+            sizes = [len({experiment.configuration for experiment in batch}) for batch in batches]
+            assert len(sizes) > 1
+            assert sizes[1:] == [max(math.ceil(size / 2), n_elites) for size in sizes[:-1]]
+            assert math.ceil(sizes[-1] / 2) <= n_elites
+        first, second = found[1][0], found[2][0]
+        assert len(first) > 3 * len(second)  # it explores
+        assert len({experiment.instance for experiment in first}) == 1
         *generations, confirmation = race.iterations
         assert len(generations) > 5
         assert confirmation.postselection
@@ -546,7 +558,8 @@ class TestOptions:
         race.ask()
         assert len(race.configurations) == n
 
-    @pytest.mark.parametrize(("rung", "sizes"), [(0, [36, 18, 9]), (0.5, [36, 18, 18]), (1, [36, 36, 27])])
+    @pytest.mark.swept
+    @pytest.mark.parametrize(("rung", "sizes"), some([(0, [36, 18, 9]), (0.5, [36, 18, 18]), (1, [36, 36, 27])], 2))
     def test_the_size_of_a_rung(self, rung, sizes):
         """Parts of 31 experiments, rounded to whole instances."""
         found = by_generation(batches_of(Halving(MIXED, budget=1000, seed=1, options=HalvingOptions(rung=rung))))

@@ -9,6 +9,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race import IteratedRace, Space, parse_space, real
 from mercator_design.race.analysis.importance import Importance, explain
 from tests.race.spaces import uniform
+from tests.tiers import some
 
 SPACE = parse_space("""
 a     "" r (0, 1)
@@ -103,7 +104,8 @@ def test_shares_are_lower_bounds():
     assert not {"low", "high"} & set(Importance.__slots__)
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.4])
+@pytest.mark.swept
+@pytest.mark.parametrize("noise", some([0.1, 0.4], 1))
 def test_shares_are_from_0_to_1_and_the_strongest_is_first(noise):
     """Also of few configurations, whose predictions chance makes better or worse."""
     space = Space([real(name, 0, 1) for name in "abcdefgh"])

@@ -26,6 +26,7 @@ from mercator_design.race.proposals.model import SamplingModel
 from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.spaces import machines
+from tests.tiers import some
 
 
 def test_it_finds_nearly_the_optimum():
@@ -335,7 +336,8 @@ def test_iterations_and_survivors_may_be_chosen():
     assert max(len(s.elites) for s in race.iterations) == 2
 
 
-@pytest.mark.parametrize("d", [1, 5, 45])
+@pytest.mark.swept
+@pytest.mark.parametrize("d", some([1, 5, 45], 3))
 @pytest.mark.parametrize("kind", ["noise", "flat", "sloping"])
 def test_no_budget_is_exceeded(d, kind):
     space = Space([real(f"x{k}", 0, 1) for k in range(d)])

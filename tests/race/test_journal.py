@@ -35,6 +35,7 @@ from mercator_design.race.session.record import Record
 from tests.processes import started
 from tests.race.lines import events_in, journal_of
 from tests.race.racing import BUDGET, SPACE, measure, places, resumed, runner, undisturbed
+from tests.tiers import cases, some
 
 WHOLE = undisturbed()
 EXPECTED = WHOLE.ends[-1].winner, WHOLE.digest()
@@ -95,6 +96,7 @@ class TestResume:
         assert resumed(path) == (*EXPECTED, 0)
         assert path.read_bytes() == complete
 
+    @pytest.mark.swept
     def test_cut_at_every_byte_of_its_last_lines(self, tmp_path):
         """Each byte of the end and the last experiment, of a small race.
 
@@ -104,7 +106,7 @@ class TestResume:
         expected = resumed(path, budget=50)
         data = path.read_bytes()
         lines = data.splitlines(keepends=True)
-        for length in range(len(data) - len(lines[-1]) - len(lines[-2]), len(data)):
+        for length in some(range(len(data) - len(lines[-1]) - len(lines[-2]), len(data)), 60):
             path.write_bytes(data[:length])
             reading = read(path)
             assert (reading.lines, bool(reading.torn)) == (
@@ -286,13 +288,12 @@ class TestResume:
             read(path)
 
 
-@pytest.mark.parametrize(("seeds", "points"), [((1,), 6), pytest.param((1, 2, 3), 50, marks=pytest.mark.slow)])
-def test_killed_at_random_bytes(tmp_path, seeds, points):
-    for seed in seeds:
-        (tmp_path / str(seed)).mkdir()
-        command = [sys.executable, "-m", "tests.race.racing", str(tmp_path / str(seed)), str(seed), str(points)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_killed_at_random_bytes(tmp_path, seed):
+    command = [sys.executable, "-m", "tests.race.racing", str(tmp_path), str(seed), str(len(cases(6)))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 class TestExtension:

@@ -372,6 +372,7 @@ def test_the_estimator_learns_where_nothing_is_allowed():
     assert wasted < 70
 
 
+@pytest.mark.thorough
 def test_the_estimator_learns_what_is_not_allowed_after_a_first_cost_and_not_without_end():
     """Without a cost it would search around the first forbidden ones; with thousands of them it would be slow."""
     sampler = OptunaSampler(Space([real("x", 0, 1)]), seed=1, generation=10, name="tpe")
@@ -381,6 +382,7 @@ def test_the_estimator_learns_what_is_not_allowed_after_a_first_cost_and_not_wit
     assert worst == list(range(21, 521))
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 def test_optuna_s_own_pruner_does_the_same():
     """On a few differences, where scipy's test is exact with ties, too."""

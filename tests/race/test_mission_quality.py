@@ -53,6 +53,7 @@ def test_missions_load_and_are_of_many_kinds():
     assert len({mission.digest for mission, _ in loaded}) == len(loaded)
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_from_its_file(near, tmp_path, monkeypatch, capsys):
     path = tmp_path / "cache.jsonl"
     arguments = ["--missions", "aggregation", "--budgets", "100", "200", "--seeds", "6", "--cache", str(path)]

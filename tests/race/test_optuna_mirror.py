@@ -18,6 +18,7 @@ from mercator_design.race.session.record import Record
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, runner, undisturbed
 from tests.storages import connections_closed
+from tests.tiers import some
 
 pytestmark = pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 
@@ -95,7 +96,8 @@ def test_no_connection_is_left(url):
     assert {*map(id, opened)} == {*map(id, closed)}
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.swept
+@pytest.mark.parametrize("method", some(METHODS, 1))
 def test_whatever_the_method(url, method):
     race = METHODS[method](SPACE, budget=60, seed=1)
     record, complaints = mirrored(url, race=race)
@@ -107,6 +109,7 @@ def test_whatever_the_method(url, method):
     assert len(complete) > 1
 
 
+@pytest.mark.thorough
 def test_optunas_own_tools_show_the_race(url):
     from matplotlib import pyplot as plt
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances

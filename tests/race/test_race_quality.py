@@ -69,6 +69,7 @@ def test_without_moves_a_race_keeps_simple_configurations_and_canonical_form():
     assert pairs.asked == 0
 
 
+@pytest.mark.thorough
 def test_it_prints_regrets_and_goes_on_from_its_cache(tmp_path, monkeypatch, capsys):
     module, cache, recorded = tmp_path / "tiny.py", tmp_path / "cache.jsonl", tmp_path / "irace.json"
     module.write_text(PROBLEM)

@@ -16,6 +16,7 @@ from mercator_design.race.session.events import IterationEnded
 from mercator_design.race.session.journal import read
 from mercator_design.race.session.record import Record
 from tests.race.racing import resumed, runner
+from tests.tiers import some
 
 SPACE = parse_space('x "" r (-5, 5)\ny "" r (-5, 5)\nz "" r (-5, 5)\nrule "" c (a, b, c)')
 
@@ -42,6 +43,7 @@ LATEST = {Halving: 8, IteratedRace: 2 + MIN_ITERATIONS}
 class TestRaces:
     """Of fixed seeds: nothing is left to luck."""
 
+    @pytest.mark.swept
     def test_most_that_improve_say_nothing(self, method):
         """Of ten parameters, there is more to improve than the budget is enough for."""
         space = parse_space("\n".join(f'x{k} "" r (-5, 5)' for k in range(10)))
@@ -49,7 +51,7 @@ class TestRaces:
         def far(configuration):
             return sum((x - 1) ** 2 for x in configuration.values())
 
-        found = [notes(lambda d, noise: d + 0.1 * d * noise, method, seed, space, far) for seed in range(5)]
+        found = [notes(lambda d, noise: d + 0.1 * d * noise, method, seed, space, far) for seed in some(range(5), 2)]
         assert sum(map(bool, found)) <= 1
         assert all("first iteration" not in note for few in found for _, note in few)
 
@@ -59,6 +61,7 @@ class TestRaces:
         assert iteration <= LATEST[method]
         assert re.match(r"no gain in [3-7] iterations, since iteration 1: \d+ is still the best", note)
 
+    @pytest.mark.thorough
     def test_most_that_see_noise_only_say_so(self, method):
         """Halving tests no newcomers: those that ran twice were selected by their first result."""
         found = [dict(notes(lambda _, noise: noise, method, seed)) for seed in range(8)]

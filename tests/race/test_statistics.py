@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import wilcoxon
 
 from mercator_design.race.elimination.statistics import concordance, eliminate, holm, signed_rank_p_value
+from tests.tiers import some
 
 
 def test_equal_costs_have_full_concordance():
@@ -51,7 +52,8 @@ def test_friedman_eliminates_none_on_one_instance():
     assert verdict.survivors.all()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.swept
+@pytest.mark.parametrize("seed", some(range(20), 6))
 def test_signed_ranks_as_scipy_s(seed):
     draws = np.random.default_rng(seed)
     differences = draws.integers(-3, 5, 8).astype(float) if seed % 2 else draws.normal(0.5, 1, 30)
@@ -79,7 +81,8 @@ def test_many_zeros_are_not_significant():
     assert signed_rank_p_value(np.array([0.0] * 60 + [1.0])) == 0.5
 
 
-@pytest.mark.parametrize("n", range(2, 40))
+@pytest.mark.swept
+@pytest.mark.parametrize("n", some(range(2, 40), 10))
 def test_of_two_the_one_with_the_lower_median_of_all_pairs_wins(n):
     """Also with ties, and if as many sums of pairs are above 0 as below."""
     draws = np.random.default_rng(n)

@@ -17,6 +17,7 @@ from mercator_design.race.session.journal import Journal, read
 from mercator_design.race.session.record import Record
 from tests.processes import LIMIT
 from tests.race.racing import SPACE, measure, places, runner, undisturbed
+from tests.tiers import some
 
 BUDGET = 200
 WHOLE = undisturbed(race=Halving(SPACE, budget=BUDGET, seed=1))
@@ -75,7 +76,8 @@ def test_it_makes_no_difference(jobs):
     assert len(ran) - len(record.experiments) - len(record.speculative.keys() - {*places(record)}) < 4
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.swept
+@pytest.mark.parametrize("jobs", some([1, 2], 1))
 def test_given_ones_run_while_others_are_sampled(jobs):
     initial = [{"x": float(k), "y": 0.0, "rule": "fast"} for k in range(-4, 5)]
     race = Slow(initial=initial)

@@ -36,6 +36,7 @@ from mercator_design.sim.simulate import Simulator
 from tests.processes import LIMIT, started
 from tests.race.damage import WRONG, damaged
 from tests.race.lines import events_in, journal_of
+from tests.tiers import cases, some
 
 pytestmark = pytest.mark.together
 
@@ -137,9 +138,9 @@ def check(seeds, whole, tmp_path):
         shutil.rmtree(folder.parent)
 
 
-@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 2000), marks=pytest.mark.slow)])
-def test_damaged_journals(whole, tmp_path, seeds):
-    check(seeds, whole, tmp_path)
+@pytest.mark.swept
+def test_damaged_journals(whole, tmp_path):
+    check(some(cases(150), 8), whole, tmp_path)
 
 
 class TestDamage:
@@ -383,6 +384,7 @@ class TestStarts:
                 os._exit(0)
         return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
+    @pytest.mark.thorough
     def test_killed_at_each_early_moment(self, mdesign, tmp_path, whole):
         """It is resumed, or begun again in its folder; and never another way than these two."""
         designer, number, ways = self.designer(), 0, []

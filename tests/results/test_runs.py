@@ -55,6 +55,7 @@ from mercator_design.show.text.progress import RaceDisplay
 from tests.processes import LIMIT, started, wait_until
 from tests.race.lines import events_in, journal_of
 from tests.storages import connections_closed
+from tests.tiers import some, takes_long
 
 pytestmark = pytest.mark.together
 
@@ -181,7 +182,8 @@ class TestResume:
         assert mdesign("race", "--resume", "moved", "-j", 3)[0] == 0
         assert digest(elsewhere / "moved") == digest(undisturbed)
 
-    @pytest.mark.parametrize("method", ["halving", "random", "tpe", "cma-es"])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("method", some(["halving", "random", "tpe", "cma-es"], 1))
     def test_whatever_its_method(self, mdesign, tmp_path, method):
         """Which is what the race began with."""
         folder = tmp_path / "r"
@@ -199,6 +201,7 @@ class TestResume:
         assert code == 2
         assert "--method is fixed when a race begins" in err
 
+    @pytest.mark.thorough
     def test_by_processes(self, mdesign, folder, undisturbed):
         stop(folder, 70)
         assert mdesign("race", "--resume", folder, "--executor", "processes", "-j", 2, "--timeout", 60)[0] == 0
@@ -390,6 +393,7 @@ class TestTests:
         assert "need --test-runs N" in err
 
 
+@pytest.mark.thorough
 def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
     stop(folder, 70)
     url = f"sqlite:///{tmp_path / 'race.db'}"
@@ -582,14 +586,15 @@ class TestSignals:
         assert mdesign("race", "--resume", folder)[0] == 0
         assert digest(folder) == digest(undisturbed)
 
-    @pytest.mark.slow
+    @takes_long
+    @pytest.mark.timing
     def test_killed_at_random_times(self, tmp_path):
-        """50 x 3 times, at any time from its first byte on; each race is killed ten times before it may end."""
+        """At any time from its first byte on; each race is killed ten times before it may end."""
         draws = random.Random(1)
         for seed in (1, 2, 3):
             race = ["race", "aggregation", "--budget", "1000", *QUICK, "--seed", str(seed)]
             subprocess.run([*MDESIGN, *race, "-o", str(tmp_path / f"whole-{seed}")], check=True, capture_output=True)
-            for k in range(5):
+            for k in range(3):
                 folder = tmp_path / f"{seed}-{k}"
                 command = [*race, "-o", str(folder)]
                 for _ in range(10):
@@ -628,7 +633,8 @@ class TestFailures:
         assert code == 0
         assert "Failed     " in out
 
-    @pytest.mark.parametrize(("executor", "jobs"), [("threads", 2), ("processes", 1)])
+    @pytest.mark.swept
+    @pytest.mark.parametrize(("executor", "jobs"), some([("threads", 2), ("processes", 1)], 1))
     def test_or_rejects_its_configuration(self, mdesign, nervous, tmp_path, executor, jobs):
         code, out, err = mdesign(*nervous, "--on-failure", "reject", "--executor", executor, "-j", jobs)
         assert code == 0
@@ -659,7 +665,8 @@ class TestLeaving:
 
         return options
 
-    @pytest.mark.parametrize("executor", [("threads", 1), ("threads", 2), ("processes", 1)])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("executor", some([("threads", 1), ("threads", 2), ("processes", 1)], 2))
     @pytest.mark.usefixtures("plain_python")
     def test_it_stops_the_race(self, mdesign, leaving, tmp_path, executor):
         name, jobs = executor
@@ -960,6 +967,7 @@ class TestAnalysis:
         assert leading.share > 2 * leading.error
         assert {"stop", "exploration", "black floor"} <= set(table.index)
 
+    @pytest.mark.thorough
     def test_importance_of_parameters(self, mdesign, raced, tmp_path):
         raced = shutil.copytree(raced, tmp_path / "r")
         stop(raced, 200)  # as its time grows with the cube of the configurations

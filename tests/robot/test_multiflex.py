@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mercator_design.robot.protocols import multiflex
 from mercator_design.robot.protocols.multiflex import BINARY_MODE, NOTHING, TEXT_MODE, Acknowledgement, Distances, crc8
 
-FIXED = settings(derandomize=True, deadline=None, max_examples=200)
+FIXED = settings(derandomize=True)
 MILLIMETRES = st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8).map(tuple)
 
 

@@ -23,7 +23,7 @@ from mercator_design.robot.protocols.rvr import (
 from mercator_design.robot.protocols.rvr_messages import COMMANDS, LIGHTS, NOTIFICATIONS, Error, Processor, lights
 from mercator_design.robot.protocols.rvr_streaming import SERVICES, StreamData, streaming
 
-FIXED = settings(derandomize=True, deadline=None, max_examples=200)
+FIXED = settings(derandomize=True)
 ONLY_ERRORS = Flags.ANSWER | Flags.ONLY_ERRORS
 BYTE = st.integers(0, 255)
 NUMBERS = {

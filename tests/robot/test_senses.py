@@ -9,6 +9,7 @@ from mercator_design.robot.protocols.framing import Counts
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.run.monitor import Monitor, Note
 from mercator_design.robot.run.senses import Senses
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -32,7 +33,8 @@ def test_a_line_with_a_few_damaged_bytes_costs_few_neighbours(is_moving):
     assert not any(cycle.is_silent for cycle in cycles)
 
 
-@pytest.mark.parametrize("rate", [0.005, 0.02])
+@pytest.mark.swept
+@pytest.mark.parametrize("rate", some([0.005, 0.02], 1))
 def test_a_damaged_line_is_silent_before_neighbours_are_missed_for_long(rate):
     """Once lines have been heard for two seconds it is silent, and stays so."""
     cycles = [*perceived(rate, 3.0, is_moving=False)]

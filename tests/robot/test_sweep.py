@@ -9,6 +9,7 @@ from mercator_design.fsm import ReferenceModel
 from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.robot.devices.sweep import BINS, STEP, Sweep
 from mercator_design.robot.protocols.ydlidar import SAMPLE_RATE, Packet, correction
+from tests.tiers import some
 
 TURN = 360 * 64
 THREE = [(0.0, 0.3), (2.0, 0.6), (-1.0, 0.5)]
@@ -177,7 +178,8 @@ def test_whole_turns_that_are_lost_are_counted(period):
     assert sweep.swept.lost / sweep.swept.all == pytest.approx(1.0 / period, abs=0.03)
 
 
-@pytest.mark.parametrize("rate", [0.92, 1.0, 1.08])
+@pytest.mark.swept
+@pytest.mark.parametrize("rate", some([0.92, 1.0, 1.08], 2))
 @pytest.mark.parametrize("pace", [0.0, 0.1])
 def test_packets_that_are_read_late_are_not_lost(rate, pace):
     """The first 0.3 s of each second are read together, or one after the other, ten times as fast as they came."""

@@ -18,7 +18,7 @@ from mercator_design.robot.protocols.ydlidar import (
     correction,
 )
 
-FIXED = settings(derandomize=True, deadline=None, max_examples=200)
+FIXED = settings(derandomize=True)
 ANGLE = st.integers(0, 360 * 64 - 1)
 PACKETS = st.builds(
     Packet,

@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from mercator_design.serve.app import guarded
 from tests.processes import LIMIT
 from tests.serve.machines import race_in
+from tests.tiers import cases, some
 
 pytestmark = pytest.mark.together
 
@@ -38,16 +39,10 @@ def check(operation, examples, mode):
     is_answered()
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize("mode", schemathesis.GenerationMode, ids=lambda one: one.name)
 def test_no_fault_of_the_service(schema, mode):
     found = operations(schema)
     assert len(found) >= 30
     for operation in found:
-        check(operation, 3, mode)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", schemathesis.GenerationMode, ids=lambda one: one.name)
-def test_many(schema, mode):
-    for operation in operations(schema):
-        check(operation, 300, mode)
+        check(operation, len(some(cases(30), 1)), mode)

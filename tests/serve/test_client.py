@@ -72,6 +72,7 @@ def done(told):
     return told[0][0].strip()
 
 
+@pytest.mark.thorough
 def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     job, ((_, err), (out, progress)) = done, told
     assert err == f"Submitted; its page: {server}/jobs/{job}\n"
@@ -352,6 +353,7 @@ def test_errors_in_other_forms(text):
         connection.call("GET", "/jobs")
 
 
+@pytest.mark.thorough
 def test_follow_goes_on_over_a_restart_of_the_service(tmp_path, raced):
     """The same data folder at the same port: no event is lost, and none comes twice."""
     told, announced = [], []

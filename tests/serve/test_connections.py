@@ -16,6 +16,7 @@ from mercator_design.serve.http import connections
 from mercator_design.serve.http.connections import Waiting
 from mercator_design.serve.http.server import Server, listening
 from tests.processes import LIMIT, wait_until
+from tests.tiers import some
 
 HOST = b"Host: localhost\r\n"
 ASK = b"GET / HTTP/1.1\r\n" + HOST + b"\r\n"
@@ -143,7 +144,8 @@ class TestTime:
 
 
 class TestNumber:
-    @pytest.mark.parametrize("kind", SLOW)
+    @pytest.mark.swept
+    @pytest.mark.parametrize("kind", some(SLOW, 2))
     def test_slow_clients_keep_nobody_out(self, patient, kind):
         """Neither others at their address, nor at another one."""
 

@@ -214,7 +214,7 @@ states = st.lists(
 )
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 @given(fsm=st.one_of(st.text(max_size=200), st.builds(lambda s: {"states": s}, states)))
 def test_any_fsm_is_checked_or_refused(client, fsm):
     body = json.dumps({"fsm": fsm}).encode()

@@ -11,6 +11,7 @@ from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.serve.web.assets import assets
 from tests.serve.machines import client_of, race_in
 from tests.show.browser import CHROMIUM
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("browser")
 
@@ -45,7 +46,8 @@ class TestText:
         assert sizes["codemirror.js"] < 600_000
         assert sum(sizes.values()) < 900_000
 
-    @pytest.mark.parametrize("name", shipped.missions())
+    @pytest.mark.swept
+    @pytest.mark.parametrize("name", some(shipped.missions(), 3))
     def test_it_begins_with_any_shipped_mission_and_its_name(self, client, name):
         text = text_in(client.get("/new", params={"mission": name}).text)
         mission = parse_mission(text, files=False)

@@ -115,31 +115,33 @@ def test_a_process_that_does_not_stop_is_killed(house):
     assert house.state(job) == "paused"
 
 
-def test_changes_of_a_job_do_not_read_its_journal(house, monkeypatch):
-    """It may be long, and other jobs wait meanwhile."""
+def test_changes_of_a_job_do_not_read_its_journal(house):
+    """It may be long, and other jobs wait meanwhile: what is new in it counts at the next turn."""
     job, done = house.submit(), house.submit("bob")
     house.tick()
     house.race(job, lines=40)
     house.tick()
-    with monkeypatch.context() as patch:
-        patch.delattr(Reading, "read_on")
-        house.jobs.pause(job)
-        house.jobs.change(job, priority=3, shared=True)
+    running = house.row(job)
+    house.race(job, lines=60)
+    house.jobs.pause(job)
+    house.jobs.change(job, priority=3, shared=True)
+    assert house.row(job).experiments == running.experiments
     house.tick()
     house.end(job, 75)
     house.tick()
     house.finish(done)
     before, ended = house.row(job), house.row(done)
     assert (before.state, before.priority, before.shared) == ("paused", 3, True)
+    assert before.experiments > running.experiments
     assert ended.state == "finished"
-    with monkeypatch.context() as patch:
-        patch.delattr(Reading, "read_on")
-        assert house.jobs.change(job, priority=1) == replace(before, priority=1)
-        assert house.jobs.resume(job) == replace(before, priority=1, state="queued", wish="run")
-        assert house.jobs.cancel(job).state == "cancelled"
-        assert house.jobs.change(done, shared=True) == replace(ended, shared=True)
-        extended = house.jobs.change(done, budget=2 * BUDGET)
-        assert extended == replace(ended, shared=True, state="queued", budget=2 * BUDGET, ended="")
+    house.race(job, lines=80)
+    house.race(done, lines=40)
+    assert house.jobs.change(job, priority=1) == replace(before, priority=1)
+    assert house.jobs.resume(job) == replace(before, priority=1, state="queued", wish="run")
+    assert house.jobs.cancel(job).state == "cancelled"
+    assert house.jobs.change(done, shared=True) == replace(ended, shared=True)
+    extended = house.jobs.change(done, budget=2 * BUDGET)
+    assert extended == replace(ended, shared=True, state="queued", budget=2 * BUDGET, ended="")
 
 
 @pytest.mark.parametrize("by", ["pause", "kill", "crash"])

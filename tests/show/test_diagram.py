@@ -20,6 +20,7 @@ from mercator_design.show.machines.diagram import _arrows, _box_lines, diagram_s
 from mercator_design.show.machines.layout import laid_out
 from mercator_design.show.machines.notations import to_mermaid, to_tikz
 from tests.fsm.test_files import random_file
+from tests.tiers import some
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
 W1 = parse(PUBLISHED["watermelon"]["W1"])
@@ -35,7 +36,8 @@ def crowded():
     return [*found[:12], *published]
 
 
-@pytest.mark.parametrize("narrow", [False, True])
+@pytest.mark.swept
+@pytest.mark.parametrize("narrow", some([False, True], 2))
 @pytest.mark.parametrize("pfsm", crowded())
 def test_no_label_covers_a_box_or_another_label(pfsm, narrow):
     names = state_names(pfsm)

@@ -15,6 +15,7 @@ from mercator_design.show.pictures.figures import house_style
 from mercator_design.show.pictures.film import Film, Stage, save_still
 from mercator_design.show.pictures.plots import KINDS, plots, save_plots
 from mercator_design.show.pictures.scenery import limits
+from tests.tiers import some
 
 CAPTION = "mdesign replay fsm.txt --video film.mp4"
 BLUE = (0, 114, 178)
@@ -36,6 +37,7 @@ def decoded(path):
     return frames
 
 
+@pytest.mark.thorough
 def test_mp4(shown, tmp_path):
     film = Film([shown], tmp_path / "film.mp4", speed=24.0, caption=CAPTION)
     seen = []
@@ -69,6 +71,7 @@ def test_nothing_is_left_of_a_film_that_fails(shown, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 def test_mp4_that_ffmpeg_cannot_write(shown, tmp_path, monkeypatch):
     path = tmp_path / "film.mp4"
     path.write_bytes(b"the film before")
@@ -82,6 +85,7 @@ def test_mp4_that_ffmpeg_cannot_write(shown, tmp_path, monkeypatch):
     assert {one.name for one in tmp_path.iterdir()} == {"film.mp4", "ffmpeg"}
 
 
+@pytest.mark.thorough
 def test_words_of_others_in_pictures(shown, tmp_path):
     formula, letters = r"a$\frac$ $$ $\def\x$b", "\x1b[31m漢字\x07" + "x" * 10_000
     one = dataclasses.replace(shown, title=formula)
@@ -95,6 +99,7 @@ def test_mp4_without_its_package(shown, tmp_path, monkeypatch):
         Film([shown], tmp_path / "film.mp4", speed=24.0, caption=CAPTION)
 
 
+@pytest.mark.thorough
 def test_picture(shown, tmp_path):
     paths = [tmp_path / "still.png", tmp_path / "again.png"]
     for path in paths:
@@ -129,6 +134,7 @@ def test_floor_changes_in_a_film(cleaning):
     assert [0, 0, 0] not in [after[place].tolist() for place in places]
 
 
+@pytest.mark.thorough
 def test_swarm_without_an_arena(shown, tmp_path):
     alone = dataclasses.replace(shown, mission=None, pfsms=(), pfsm_of=(), fired=None, recording=None)
     save_still(tmp_path / "still.png", [alone], 1.0, caption=CAPTION)
@@ -175,7 +181,8 @@ def test_presence_is_the_time_of_all_robots(shown):
     assert mesh.get_array().sum() == pytest.approx(3 * 6.0)
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+@pytest.mark.swept
+@pytest.mark.parametrize("suffix", some(["png", "svg", "pdf"], 1))
 def test_plot_files(suffix, shown, tmp_path):
     path = tmp_path / f"plots.{suffix}"
     save_plots(path, [shown], ["states", "score"], caption="$x^2$ <script>")

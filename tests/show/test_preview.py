@@ -14,6 +14,7 @@ from mercator_design.results.experiments.preview import preview_of
 from mercator_design.show.pictures.preview import draw_preview, save_preview
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 LABYRINTH = """
 schema: 1
@@ -253,14 +254,16 @@ def files(tmp_path_factory, labyrinth):
 
 
 class TestFiles:
-    @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("suffix", some([".PNG", ".svg"], 1))
     def test_the_same_to_the_last_byte_whatever_the_users_style(self, files, tmp_path, labyrinth, suffix):
         with mpl.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "text.usetex": True}):
             save_preview(tmp_path / f"b{suffix}", preview_of(labyrinth, seed=1))
             assert mpl.rcParams["font.size"] == 20.0
         assert files[suffix].read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
-    @pytest.mark.parametrize("suffix", [".PNG", ".svg"])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("suffix", some([".PNG", ".svg"], 1))
     def test_another_instance_is_another_picture(self, files, tmp_path, labyrinth, suffix):
         save_preview(tmp_path / f"c{suffix}", preview_of(labyrinth, seed=2))
         assert files[suffix].read_bytes() != (tmp_path / f"c{suffix}").read_bytes()
@@ -283,13 +286,8 @@ class TestGallery:
         assert {file.stem for file in gallery.PICTURES.iterdir()} == set(shipped.missions())
         assert sum(file.stat().st_size for file in gallery.PICTURES.iterdir()) < 1_500_000
 
-    @pytest.mark.parametrize(
-        "name",
-        [
-            pytest.param(name, marks=() if name in {"foraging", "mapping", "module_phototaxis"} else pytest.mark.slow)
-            for name in shipped.missions()
-        ],
-    )
+    @pytest.mark.swept
+    @pytest.mark.parametrize("name", some(shipped.missions(), 1))
     def test_it_is_drawn_as_the_mission_is_now(self, name, tmp_path):
         """But for the edges of letters and lines, in which versions of the libraries may differ."""
         gallery.draw(name, tmp_path / "now.png")

@@ -101,6 +101,7 @@ def test_floor_that_changes(cleaning):
     assert (colours_at(final, middles) == expected).all()
 
 
+@pytest.mark.thorough
 def test_bytes_of_twenty_robots():
     mission = md.load_mission("aggregation_20")
     explore = md.parse_fsm(

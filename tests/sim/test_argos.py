@@ -9,6 +9,7 @@ from benchmarks.argos.recordings import mission_and_robot, read
 from benchmarks.argos.repeat import Original
 from benchmarks.argos.traces import READINGS, Trace, agreements, apart, copies_apart, drive
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -32,6 +33,7 @@ def test_motion_where_robots_touch_at_most_walls(name):
 ROBOTS_TOUCH = {"four_state_n5": (0.001, 0.005), "blind_push_n8": (1e-4, 3e-4)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ROBOTS_TOUCH)
 def test_motion_where_robots_touch_each_other(name):
     trace = Trace(RUNS[name])
@@ -45,6 +47,7 @@ def test_motion_where_robots_touch_each_other(name):
     assert position.mean() < copies_apart(trace, 5e-4, copies=4).mean(axis=(1, 2)).max()
 
 
+@pytest.mark.thorough
 def test_perception_and_wheel_commands():
     """On 99.9 % of the recorded robot-cycles; the rest is rounding of the recorded poses and readings."""
     counts = {}
@@ -57,8 +60,9 @@ def test_perception_and_wheel_commands():
         assert agreed / total >= 0.999, kind
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize(
-    "name", [name for name in RUNS if name not in {"free_run_no_walls_n1", "attract5_n5", "blind_push_n8"}]
+    "name", some([name for name in RUNS if name not in {"free_run_no_walls_n1", "attract5_n5", "blind_push_n8"}], 1)
 )
 def test_whole_run_from_its_seed(name):
     """Starts, draws, perception, control, motion: all from the seed, until robots touch each other."""

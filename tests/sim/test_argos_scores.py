@@ -9,6 +9,7 @@ from benchmarks import two_samples
 from benchmarks.argos import correlations, scores
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, read
 from mercator_design.fsm import parse
+from tests.tiers import takes_long
 
 pytestmark = [pytest.mark.together("kernels"), pytest.mark.usefixtures("experiments_once")]  # compiled once
 
@@ -37,6 +38,7 @@ def rejected(tests):
     return [tests[k].statistic for k in two_samples.rejected([test.p for test in tests], FALSE_ALARM)]
 
 
+@pytest.mark.thorough
 def test_distributions(comparisons):
     assert not any(c.left_out for c in comparisons)
     tests = all_tests(comparisons)
@@ -250,7 +252,8 @@ def test_settings_that_are_not_known(settings, complaint):
         mission_and_robot("mine", settings)
 
 
-@pytest.mark.slow
+@takes_long
+@pytest.mark.thorough
 def test_many_experiments():
     """With twenty times the experiments, which tells smaller differences."""
     tests = all_tests(compare(experiments=800))

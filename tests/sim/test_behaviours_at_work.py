@@ -59,6 +59,7 @@ def test_exploration_covers():
     assert standard_errors(explored - 15) > 6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("alpha", [2, 5])
 def test_attraction_gathers(alpha):
     _, end = final_distances(f"--nstates 1 --s0 2 --att0 {alpha}")

@@ -122,6 +122,7 @@ def test_statistics_that_are_a_little_off(run):
     assert f"rejected: coverage_v30_n3_r0.4, {runs[1]['name']}: speed_mps" in text
 
 
+@pytest.mark.thorough
 def test_scores_of_another_mission(run):
     runs = cut("color_aggregation")[:2]
     for one in runs:
@@ -143,6 +144,7 @@ def test_controllers_that_are_mixed_up(run):
     assert "NOT reached: aggregation: Spearman" in text
 
 
+@pytest.mark.thorough
 def test_another_world(run):
     """Shuffling explains nothing: controllers that are run again with the original's random numbers still differ."""
     runs = [one for one in cut("aggregation") if one["name"] in {"four_state", "explore_rwm20"}]
@@ -194,6 +196,7 @@ def test_readings_that_are_a_little_off(run, column, alter, verdict):
     assert text.count("NOT") == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [15, None])
 def test_a_floor_that_was_read_wrong(run, seed):
     """Whether or not its tiles follow from the seed, and whatever the order of robots."""
@@ -283,6 +286,7 @@ def scored(name, count, **settings):
     return runs
 
 
+@pytest.mark.thorough
 def test_scores_of_chocolate_on_a_shipped_mission(run):
     """And on another that is given for it, where the robots start on the black spot."""
     runs = scored("chocolate_aac", 20, duration=5)
@@ -328,6 +332,7 @@ def test_one_run_of_each_controller(run):
     assert "NOT reached: a verdict: there are too few runs to tell anything" in text
 
 
+@pytest.mark.thorough
 def test_two_runs_of_each_controller(run):
     code, text = run(cut("aggregation", 2), "--runs", "20", "--seed", "2")
     assert code == 0
@@ -473,12 +478,12 @@ def test_a_file_that_is_not_there(capsys, tmp_path):
     assert "cannot be read" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_recordings_that_are_here():
     assert compare_argos.main([str(DATA / f"argos_{kind}.json.gz") for kind in ("traces", "scores")]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(REFERENCE is None, reason="MERCATOR_REFERENCE names no folder of whole recordings")
 def test_whole_recordings():
     files = sorted(Path(REFERENCE).glob("argos_*.json.gz"))

@@ -15,6 +15,7 @@ from mercator_design.fsm import Controller, Readings, parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -88,7 +89,8 @@ def alone(simulator):
     return [digest(simulator.run(parse(FOUR_STATES), seed)) for seed in range(8)]
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3, 4])
+@pytest.mark.swept
+@pytest.mark.parametrize("threads", some([1, 2, 3, 4], 2))
 def test_same_outcome_in_any_number_of_threads(simulator, alone, threads):
     pfsm = parse(FOUR_STATES)
     with ThreadPoolExecutor(threads) as pool:
@@ -106,6 +108,7 @@ print(o.score, hashlib.sha256(o.trace.poses.tobytes()).hexdigest())
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("plain", [False, True], ids=["compiled", "plain Python"])
 def test_same_outcome_in_a_fresh_process(plain):
     overrides = ("robots=5", "duration=8")

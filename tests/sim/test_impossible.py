@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.cli import cli
@@ -26,6 +26,7 @@ from mercator_design.sim.checks.reach import reach_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import LightRing
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import some
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
 
@@ -64,13 +65,15 @@ def opened(width):
     )
 
 
-@pytest.mark.parametrize("name", shipped.missions())
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some(shipped.missions(), 6))
 def test_shipped_missions_can_be(name):
     mission = load_mission(name)
     assert mission_warnings(mission, load_robot_model(mission.robot_model)) == []
 
 
-@pytest.mark.parametrize("kind", ["foraging", "homing", "aggregation-xor"])
+@pytest.mark.swept
+@pytest.mark.parametrize("kind", some(["foraging", "homing", "aggregation-xor"], 1))
 def test_random_missions_can_be(kind):
     for number in range(1, 6):
         mission = sample_mission(kind, seed=3, number=number)
@@ -389,7 +392,6 @@ _point = st.tuples(st.floats(-2, 2), st.floats(-2, 2))
 _size = st.floats(0.05, 2)
 
 
-@settings(max_examples=80, deadline=None)
 @given(
     st.one_of(
         st.builds(Disc, center=_point, radius=_size, color=st.just("red")),

@@ -10,6 +10,7 @@ from mercator_design.sim.kernels.lidar import GROUP, _meet_disc, _meet_wall, sca
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import DiscBody, Neighbours, Uniform
 from tests.sim.worlds import STOP, at, look, simulator
+from tests.tiers import some
 
 MERCATOR = load_robot_model("mercator")
 TALL = "arena.wall_height=1.0"
@@ -122,7 +123,8 @@ LIDARS = {
 }
 
 
-@pytest.mark.parametrize("name", LIDARS)
+@pytest.mark.swept
+@pytest.mark.parametrize("name", some(LIDARS, 1))
 def test_every_beam_ends_where_geometry_says(name):
     random = np.random.default_rng(list(LIDARS).index(name))
     model = LIDARS[name]

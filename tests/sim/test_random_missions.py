@@ -54,11 +54,11 @@ from mercator_design.sim.robot_parts import (
     Uniform,
 )
 from mercator_design.sim.simulate import Simulator
+from tests.tiers import cases
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
 PICTURE = str(Path(__file__).parents[2] / "docs/pictures/missions/mapping.png")
-MANY = 100_000
 
 shipped_robot = functools.cache(load_robot_model)
 
@@ -99,8 +99,15 @@ def check(seed):
     return inside_walls, inside_robots, speed
 
 
-def test_random_missions(monkeypatch):
+def test_few_random_missions(monkeypatch):
     """Of missions whose robots do not fit it takes long to find out, and others are drawn instead: that may be soon."""
+    monkeypatch.setattr(world, "_MAX_TRIALS", 5_000)
+    for seed in range(20):
+        check(seed)
+
+
+@pytest.mark.thorough
+def test_random_missions(monkeypatch):
     monkeypatch.setattr(world, "_MAX_TRIALS", 5_000)
     with ThreadPoolExecutor(2) as pool:
         inside_walls, inside_robots, speed = np.max(list(pool.map(check, range(120))), axis=0)
@@ -109,11 +116,11 @@ def test_random_missions(monkeypatch):
     assert speed > 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_many_random_missions():
     with ThreadPoolExecutor() as pool:
-        for start in range(200, MANY, 1000):
-            list(pool.map(check, range(start, min(start + 1000, MANY))))
+        for start in range(200, 200 + len(cases(1000)), 1000):
+            list(pool.map(check, range(start, start + 1000)))
 
 
 def corners_of(poses, length, width):

@@ -6,6 +6,7 @@ from benchmarks import same_distribution
 from mercator_design.jit import jittable
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.motion import glide
+from tests.tiers import cases
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -40,6 +41,7 @@ def glide_others(scene, swarm, meetings, step):
             glide(scene, swarm, i, 1)
 
 
+@pytest.mark.thorough
 def test_robots_that_meet_too_late_are_found(capsys, monkeypatch):
     """Twenty experiments tell robots that are in the space a little later than they touch something."""
     engine = same_distribution.as_it_is  # compiled before
@@ -51,6 +53,7 @@ def test_robots_that_meet_too_late_are_found(capsys, monkeypatch):
     assert "NOT reached" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_few_experiments_of_all_crowds(capsys):
     assert same_distribution.main(["--experiments", "1", "--rate", str(FALSE_ALARM), "--jobs", "1"]) == 0
     text = capsys.readouterr().out
@@ -59,7 +62,7 @@ def test_few_experiments_of_all_crowds(capsys):
         assert f"| {crowd} (" in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_short_cuts_are_equal_in_distribution():
-    """2000 experiments of either way, for each crowd."""
-    assert same_distribution.main(["--rate", str(FALSE_ALARM)]) == 0
+    """TEST_EFFORT=40 makes as many experiments as there are in docs/explanation/benchmarks.md."""
+    assert same_distribution.main(["--experiments", str(len(cases(50))), "--rate", str(FALSE_ALARM)]) == 0

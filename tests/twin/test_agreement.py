@@ -35,7 +35,7 @@ def test_recorded_runs(recorded):
     check(recorded, cycles=120, changes=5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_three_pfsms_for_a_minute(tmp_path):
     run(tmp_path, 60.0)
     check(tmp_path, cycles=600, changes=15)

@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 
+from tests.tiers import takes_long
 from tests.twin.processes import start
 
 KNOWN = """\
@@ -17,7 +18,8 @@ lidar: {noise: {distribution: uniform, half_width: 0.005}}
 SECONDS = 60
 
 
-@pytest.mark.slow
+@takes_long
+@pytest.mark.timing
 def test_noise_is_recovered(tmp_path, mdesign):
     (tmp_path / "known.yaml").write_text(KNOWN)
     line = ["twin", "aggregation", "--folder", tmp_path, "--robot-model", tmp_path / "known.yaml", "--set", "robots=1"]

@@ -46,6 +46,7 @@ def reds(what, raw):
     return sum(colour_label(model, *measured) == red for measured in raw.reshape(-1, 3).tolist())
 
 
+@pytest.mark.thorough
 def test_it_stops_neither_in_simulation_nor_on_the_twin():
     """Though both drive over black, where the noise of the sensor is red in one cycle of six."""
     what, seed = case(8), 20  # with this one both soon come to black
@@ -62,7 +63,7 @@ def test_one_that_seeks_black_stops_on_both():
     assert on_twin(what, 1).states.any()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_scores_the_same_on_the_twin():
     """A whole mission; the seeds are fixed, so nothing is left to chance."""
     what = case(120)

@@ -43,7 +43,7 @@ def has_ros():
 
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.thorough,
     pytest.mark.skipif(not has_ros(), reason="needs roscore, and rospy for the system's Python"),
 ]
 

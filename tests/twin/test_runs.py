@@ -23,6 +23,7 @@ from mercator_design.robot.run import safety
 from mercator_design.sim.simulate import Simulator
 from tests.processes import LIMIT, wait_until
 from tests.robot.ways import ALL, LATEST, WAITS, in_time, made_in_time, soonest
+from tests.tiers import takes_long
 from tests.twin.arenas import QUIET
 from tests.twin.processes import EXPLORE, events, start, twin
 
@@ -75,6 +76,7 @@ def a_run_from_start_to_end(folder):
     assert not any(decision.differs for decision in decisions)
 
 
+@pytest.mark.thorough
 @made_in_time
 def test_a_colour_is_measured(tmp_path):
     """As docs/how-to/use-the-twin.md has it: all of the floor has one colour, and a copy of robot.yaml stays."""
@@ -89,7 +91,7 @@ def test_a_colour_is_measured(tmp_path):
     assert len(events(tmp_path, "wheels")) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.timing
 @pytest.mark.parametrize(
     ("number", "most"),
     [
@@ -118,7 +120,8 @@ def test_how_soon_wheels_stop_after_a_signal(tmp_path, number, most):
 FAULT = 20.0
 
 
-@pytest.mark.slow
+@takes_long
+@pytest.mark.timing
 @pytest.mark.parametrize(
     ("fault", "most"),
     [
@@ -157,7 +160,7 @@ def stops_after_a_fault(folder, fault, most):
     assert 0.0 <= last["time"] - begun[0] <= most, messages
 
 
-@pytest.mark.slow
+@pytest.mark.timing
 def test_three_robots_gather_as_in_the_simulator(tmp_path):
     """Attraction draws no random numbers while it sees others, so there is one way for them to go."""
     mission = load_mission("aggregation", ["duration=30", f"placement={APART}"])
@@ -182,7 +185,8 @@ BLACK = 1.4  # [m] around the middle
 LARGE = ["--set", "arena.walls.apothem=2", "--set", f"floor.zones[0].radius={BLACK}", "--set", f"placement={OUTWARDS}"]
 
 
-@pytest.mark.slow
+@takes_long
+@pytest.mark.timing
 def test_three_robots_gather_on_black(tmp_path):
     """They face the wall, and explore. In 33 of 2000 simulations one was not there in time: 7e-8 for four in a row."""
     folders = (tmp_path / str(number) for number in itertools.count())
@@ -241,7 +245,7 @@ def is_near(period):
     return abs(period - 0.1) <= NEAR
 
 
-@pytest.mark.slow
+@pytest.mark.timing
 def test_twenty_robots_in_real_time_on_two_cores():
     """What a robot says each second tells that time goes on as it should."""
 

@@ -13,6 +13,7 @@ from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
 from mercator_design.robot.run.senses import Senses
+from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -30,7 +31,8 @@ def facing(yaw):
     return StreamData(Processor.ST, 1, is_valid=True, values=values)
 
 
-@pytest.mark.parametrize("distance", [0.02, 0.0495, 0.0505, 0.2, 0.39, 0.41])
+@pytest.mark.swept
+@pytest.mark.parametrize("distance", some([0.02, 0.0495, 0.0505, 0.2, 0.39, 0.41], 2))
 def test_a_wall(distance):
     """Distances come in millimetres, of which half a one weighs most where it is near: 0.0115 at 5 cm."""
     world = World([(HALF - BODY - distance, 0.0, 0.0)])
@@ -39,15 +41,19 @@ def test_a_wall(distance):
     assert perceived[:2] == pytest.approx(simulated[:2], abs=0.0005 * 0.0572 / max(distance, 0.05) ** 2)
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize(
     ("others", "count"),
-    [
-        ([(0.3, 0.0, 0.0)], 1),
-        ([(0.77, 0.0, 0.0)], 1),  # a lidar measures to the side of a head that is seen
-        ([(0.8, 0.0, 0.0)], 0),
-        ([(0.35, 0.0, 0.0), (0.7, 0.0, 0.0)], 1),  # one behind the other
-        ([(0.35, 0.0, 0.0), (0.69, 0.15, 0.0), (-0.5, 0.4, 1.0)], 3),
-    ],
+    some(
+        [
+            ([(0.3, 0.0, 0.0)], 1),
+            ([(0.77, 0.0, 0.0)], 1),  # a lidar measures to the side of a head that is seen
+            ([(0.8, 0.0, 0.0)], 0),
+            ([(0.35, 0.0, 0.0), (0.7, 0.0, 0.0)], 1),  # one behind the other
+            ([(0.35, 0.0, 0.0), (0.69, 0.15, 0.0), (-0.5, 0.4, 1.0)], 3),
+        ],
+        2,
+    ),
 )
 def test_neighbours(others, count):
     world = World([ALONE, *others])
@@ -86,6 +92,7 @@ def test_obstacles_stay_where_they_are_while_the_robot_turns():
     assert obstacle(robot.readings(1.16))[1] == pytest.approx(0.0)
 
 
+@pytest.mark.thorough
 def test_a_robot_that_spins_by_a_wall():
     """Distances are up to 0.16 s old, in which it turns by 37 degrees."""
     wheels = [Wheels(-1.0, 1.0)]

@@ -71,6 +71,7 @@ def test_robots_at_the_twins_own_time(short):
     assert (np.hypot(*np.diff(one[5:, :, :2], axis=0).T).sum(axis=1) > 0.1).all()
 
 
+@pytest.mark.thorough
 def test_a_stepped_run_is_found_again(short, tmp_path):
     step("aggregation", 3.0, 2, tmp_path)
     result = found(short.plan(2), tmp_path)
@@ -125,7 +126,7 @@ def test_the_nearest_poses(tmp_path):
     assert Track(log).at(np.array([-0.2, 0.04, 0.06, 0.31, 9.0]))[:, 0, 0].tolist() == [0.0, 0.0, 1.0, 3.0, 4.0]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_in_real_time(short, tmp_path):
     """Three robots begin at the same heartbeat; late they may be, as this machine may be busy."""
     run_all([(short, 2)], tmp_path, at_once=3, keep=False)

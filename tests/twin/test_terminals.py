@@ -449,7 +449,8 @@ def command(*arguments):
 
 
 class TestTheCommand:
-    @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+    @pytest.mark.thorough
+    @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
     def test_it_runs_before_runs_and_ends_and_leaves_only_the_log(self, tmp_path, number):
         with command("aggregation", "--folder", tmp_path, "--set", "robots=2", "--no-noise") as process:
             lines = [process.stdout.readline().strip() for _ in range(2)]

@@ -19,6 +19,7 @@ from mercator_design.show.files.robot_log_table import write_csv
 from mercator_design.show.files.robot_logs import write_mcap
 from tests.calibration.recordings import CENTRES, measured, write
 from tests.robot.log_events import read
+from tests.tiers import some
 from tests.twin.recorded import unpack
 
 pytestmark = pytest.mark.together
@@ -112,6 +113,7 @@ def odd(kinds, tmp_path_factory):
     return found
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize("reader", READERS)
 def test_odd_values_are_refused_or_told(kinds, odd, tmp_path, reader):
     kind, run = READERS[reader]
@@ -119,11 +121,11 @@ def test_odd_values_are_refused_or_told(kinds, odd, tmp_path, reader):
     path = tmp_path / "log.jsonl"
     path.write_text("".join(map(line, kinds[kind])))
     run(path)  # as it is
-    for text in readable:
+    for text in some(readable, 20):
         path.write_text(text)
         with contextlib.suppress(RobotError):
             run(path)
-    for text in refused[::10]:
+    for text in some(refused[::10], 5):
         path.write_text(text)
         with pytest.raises(RobotError):
             run(path)

@@ -32,6 +32,7 @@ from mercator_design.show.report import request as requests
 from mercator_design.show.report.choice import verdict
 from mercator_design.show.report.page import REPORT, report_page
 from tests.race.damage import damaged
+from tests.tiers import cases, some
 
 pytestmark = pytest.mark.together
 
@@ -110,6 +111,7 @@ def quick(monkeypatch):
 
 
 class TestNumbers:
+    @pytest.mark.thorough
     def test_score_is_that_of_the_winner_on_fresh_instances(self, page, proof, facts):
         (shown,) = page.all("data-n")
         scores = Scores(proof.contestants[0].scores)
@@ -281,11 +283,11 @@ class TestStages:
         assert "mission.yaml" in page.text
         assert page.all("data-state")
 
-    @pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 1000), marks=pytest.mark.slow)])
-    def test_damaged_ones(self, folder, raced, seeds):
+    @pytest.mark.swept
+    def test_damaged_ones(self, folder, raced):
         """They are shown, or refused with an error of ours."""
         data = (raced / "journal.jsonl").read_bytes()
-        for seed in seeds:
+        for seed in some(cases(100), 10):
             (folder / "journal.jsonl").write_bytes(damaged(data, random.Random(seed))[0])
             with contextlib.suppress(MercatorError):
                 report_page(Facts.read(folder), WinnerRuns()).encode()
@@ -358,9 +360,10 @@ class TestProof:
 
 
 class TestCommand:
+    @pytest.mark.swept
     @pytest.mark.parametrize(
         ("error", "words"),
-        [(OSError(errno.ENOSPC, "No space left on device"), "No space left"), (KeyError("x"), "KeyError")],
+        some([(OSError(errno.ENOSPC, "No space left on device"), "No space left"), (KeyError("x"), "KeyError")], 1),
     )
     def test_a_report_that_fails_leaves_the_race(self, mdesign, folder, monkeypatch, error, words):
         def fail(*_, **__):
@@ -385,6 +388,7 @@ class TestCommand:
         assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
         assert (folder / REPORT).read_text() == "page"
 
+    @pytest.mark.thorough
     def test_each_long_step_is_announced(self, mdesign, folder, monkeypatch):
         monkeypatch.delenv("MDESIGN_NO_REPORT")
         for name in ("request", "importance"):  # they take long to draw

@@ -1,14 +1,27 @@
 """Races of a service under test: processes that a test ends as it likes."""
 
 import shutil
+from dataclasses import fields
 
 from mercator_design.race.session.journal import Journal
-from mercator_design.serve.jobs.index import Index
-from mercator_design.serve.jobs.job import RaceRequest
+from mercator_design.serve.jobs.index import Index, IndexRow
+from mercator_design.serve.jobs.job import Job, RaceRequest
 from mercator_design.serve.jobs.operations import Operations
 from mercator_design.serve.jobs.store import Store
 from mercator_design.serve.jobs.supervisor import Supervisor
 from mercator_design.serve.settings import SERVICE, ServiceSettings, UserLimits
+
+
+def row_of(identity, owner="ann", *, state="queued", **given):
+    """A row of the index with some of its fields, of those of its job, and of those of its request."""
+
+    def of(kind, **usual):
+        return kind(**usual | {one.name: given.pop(one.name) for one in fields(kind) if one.name in given})
+
+    request = of(RaceRequest, mission="aac", budget=0)
+    job = of(Job, id=identity, owner=owner, name="aac", direction="maximise", request=request, submitted="")
+    return IndexRow(job=job, state=state, **given)
+
 
 BUDGET = 60
 """Of the race that the fixture `raced` has run."""
@@ -61,8 +74,8 @@ class House:
 
     def submit(self, owner="ann", *, name="aggregation", budget=BUDGET, text=None, key="", **request):
         """The identity of a new job."""
-        wanted = RaceRequest(mission="" if text is not None else name, budget=budget, **request)
-        return self.jobs.submit(owner, name, "maximise", wanted, text, key).id
+        wanted = RaceRequest(mission="" if text else name, mission_text=text, budget=budget, **request)
+        return self.jobs.submit(owner, name, "maximise", wanted, key).id
 
     def _launch(self, job):
         self.started.append(job.id)

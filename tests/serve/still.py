@@ -2,6 +2,7 @@
 
 import contextlib
 import shutil
+from dataclasses import replace
 
 import pytest
 from starlette.testclient import TestClient
@@ -30,8 +31,13 @@ class Still:
         return TestClient(As(self.app, user), base_url="http://localhost", raise_server_exceptions=False)
 
     def submit(self, owner="ann", *, budget=BUDGET, text=None, name="aggregation", **request):
-        wanted = RaceRequest(mission="" if text is not None else "aggregation", budget=budget, **request)
-        return self.service.jobs.submit(owner, name, "maximise", wanted, text).id
+        wanted = RaceRequest(mission="" if text else "aggregation", mission_text=text, budget=budget, **request)
+        return self.service.jobs.submit(owner, name, "maximise", wanted).id
+
+    def show(self, job, *, in_job=(), **changes):
+        """Change fields of a row, and of the job in it; the job itself stays."""
+        row = self.service.index.get(job)
+        self.service.index.change(job, job=replace(row.job, **dict(in_job)), **changes)
 
     def folder(self, job):
         return self.service.store.run_folder(job)

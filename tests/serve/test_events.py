@@ -169,7 +169,7 @@ def test_each_change_is_reported_but_the_progress(quiet, at_once):
     async def run():
         async with aclosing(stream(quiet, job)) as one:
             await some(one, bool)
-            quiet.service.index.change(job, experiments=5, seconds=3.0, left=9.0)
+            quiet.show(job, in_job={"seconds": 3.0}, experiments=5, left=9.0)
             quiet.service.jobs.change(job, priority=7)
             priorities = [(await some(one, bool))[0][1]["priority"]]
             quiet.service.index.change(job, tested=0.5, experiments=6)

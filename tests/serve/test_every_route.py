@@ -37,9 +37,7 @@ def lab(tmp_path_factory, idle_races):
         users.revoke("gone")
         tokens |= {"unknown": tokens["ana"][:12] + "x" * 43, "malformed": "md_x"}
         request = RaceRequest(mission="aggregation", budget=100)
-        private, shared = (
-            service.jobs.submit("ana", name, "maximise", request, None).id for name in ("secret", "open")
-        )
+        private, shared = (service.jobs.submit("ana", name, "maximise", request).id for name in ("secret", "open"))
         service.jobs.change(shared, shared=True)
         for identity in (private, shared):
             service.jobs.pause(identity)

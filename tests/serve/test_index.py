@@ -3,11 +3,8 @@ from contextlib import closing
 
 import pytest
 
-from mercator_design.serve.jobs.index import ORDERS, Index, IndexRow
-
-
-def row(identity, owner="ann", **given):
-    return IndexRow(**{"id": identity, "owner": owner, "name": "aac", "state": "queued"} | given)
+from mercator_design.serve.jobs.index import ORDERS, Index
+from tests.serve.races import row_of as row
 
 
 @pytest.fixture
@@ -26,7 +23,17 @@ def ids(index, viewer=None, **wanted):
 
 
 def test_rows_are_kept_as_they_are(index, file):
-    whole = row("a", best=1.5, tested=-2.0, seed=2**63 - 1, shared=True, message="née 'x'", seconds=3.5, key="k")
+    whole = row(
+        "a",
+        best=1.5,
+        tested=-2.0,
+        seed=2**63 - 1,
+        set=("robots=3",),
+        shared=True,
+        message="née 'x'",
+        seconds=3.5,
+        key="k",
+    )
     index.put(whole, row("b"))
     assert (index.get("a"), index.get("c"), len(index.all())) == (whole, None, 2)
     with closing(Index(file)) as again:
@@ -92,7 +99,7 @@ def test_what_cannot_be_used_is_made_again(file, how):
     else:
         with closing(sqlite3.connect(file)) as database:
             database.execute(
-                "PRAGMA user_version=99" if how == "another version" else "ALTER TABLE jobs RENAME COLUMN seed TO x"
+                "PRAGMA user_version=99" if how == "another version" else "ALTER TABLE jobs RENAME COLUMN best TO x"
             )
             database.commit()
     with closing(Index(file)) as index:

@@ -65,7 +65,7 @@ def test_the_first_page_leads_to_a_first_job(quiet, ann):
 
 def test_the_list(quiet, ann):
     job = quiet.submit()
-    quiet.service.index.change(job, name=EVIL)
+    quiet.show(job, in_job={"name": EVIL})
     other = quiet.submit("bob")
     text = checked(ann.get("/"))
     assert job in text
@@ -86,7 +86,7 @@ def test_the_list(quiet, ann):
 )
 def test_a_running_job_has_the_buttons_of_what_can_still_be_asked(quiet, ann, wish, message, expected):
     job = quiet.submit()
-    quiet.service.index.change(job, state="running", wish=wish, message=message)
+    quiet.show(job, in_job={"wish": wish}, state="running", message=message)
     assert re.findall(f'data-do="POST /jobs/{job}/([a-z]+)"', checked(ann.get("/"))) == expected
 
 
@@ -124,7 +124,7 @@ def test_pages_of_the_list(quiet, ann):
 
 def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     job = quiet.submit()
-    quiet.service.index.change(job, name=EVIL)
+    quiet.show(job, in_job={"name": EVIL})
     text = checked(ann.get(f"/jobs/{job}"))
     assert "alert(1)</script>" not in text
     assert 'class="state state-queued"' in text

@@ -145,7 +145,7 @@ def test_a_job_is_changed_and_deleted(page, live):
     page.evaluate("document.querySelector('#change button').click()")
     page.wait_for("document.querySelector('#notice').innerText === 'Changed.'")
     row = live.service.index.get(job)
-    assert (row.budget, row.priority) == (5000, 7)
+    assert (row.job.request.budget, row.job.request.priority) == (5000, 7)
     page.wait_for("document.querySelector('#now').innerText.includes('of 5000')")
     live.service.jobs.change(job, priority=3)  # elsewhere
     page.evaluate("document.querySelector('#notice').innerText = ''")
@@ -153,7 +153,7 @@ def test_a_job_is_changed_and_deleted(page, live):
     page.evaluate("document.querySelector('#change button').click()")
     page.wait_for("document.querySelector('#notice').innerText === 'Changed.'")
     row = live.service.index.get(job)
-    assert (row.budget, row.priority) == (6000, 3)
+    assert (row.job.request.budget, row.job.request.priority) == (6000, 3)
     assert page.evaluate("document.querySelector('#change [name=priority]').value") == "3"
     page.evaluate(f"document.getElementById('delete-{job}').click()")
     page.wait_for("document.querySelector('dialog[open]')")

@@ -13,7 +13,6 @@ from mercator_design.serve.http.schemas import MAX_TEXT
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
 from mercator_design.serve.workers import estimates
-from mercator_design.serve.workers.sources import MissionSource
 
 TEXT = shipped.missions()["foraging"].read_text()
 SMALL = ["duration=2", "robots=2"]
@@ -140,9 +139,7 @@ def test_an_estimate(client):
 def test_an_estimate_follows_from_the_times_of_experiments(monkeypatch):
     monkeypatch.setattr(estimates, "computing_times", lambda *_: (0.1, 0.1, 0.1, 0.1))
     costs = [
-        estimates.cost_of(
-            RaceRequest(mission="foraging", budget=budget), MissionSource(name="foraging"), UserLimits(), cores
-        )
+        estimates.cost_of(RaceRequest(mission="foraging", budget=budget), UserLimits(), cores)
         for budget, cores in ((1000, 1), (10_000, 1), (10_000, 10))
     ]
     assert [one.experiment for one in costs] == [pytest.approx(0.1)] * 3

@@ -199,9 +199,13 @@ class TestBrowser:
         page.wait_for("location.pathname.startsWith('/jobs/')")
         page.wait_for_load()
         rows, total = service.index.find(None)
-        assert (total, rows[0].name, rows[0].budget) == (before + 1, "short", 300)
+        job = rows[0].job
+        assert (total, job.name, job.request.budget) == (before + 1, "short", 300)
         assert page.evaluate("location.pathname") == f"/jobs/{rows[0].id}"
-        assert service.store.mission(rows[0].id) == SHORT.replace("robots: 2", "robots: 5") + "robot_model: mercator"
+        assert (
+            service.store.text(job.id, "mission.yaml")
+            == SHORT.replace("robots: 2", "robots: 5") + "robot_model: mercator"
+        )
         assert page.evaluate("localStorage.length") == 0
 
     def test_what_was_typed_just_before_a_reload_survives_it(self, opened, address):
@@ -238,8 +242,8 @@ class TestBrowser:
         page.wait_for("location.pathname.startsWith('/jobs/')")
         page.wait_for_load()
         (row, *_), _ = service.index.find(None)
-        request = service.store.read(row.id).request
-        assert (request.mission, request.budget, service.store.mission(row.id)) == ("cleaning", 2000, None)
+        request = service.store.request(row.id)
+        assert (request.mission, request.budget, request.mission_text) == ("cleaning", 2000, None)
 
     def test_settings_and_refusals_are_said(self, opened):
         page = opened(SHORT)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from mercator_design.serve.jobs.job import RaceRequest
@@ -13,19 +15,20 @@ def store(tmp_path):
 
 
 def create(store, *, text=None, **given):
-    return store.create(
-        **{"owner": "ann", "name": "a test", "direction": "maximise", "request": REQUEST, "text": text} | given
-    )
+    request = replace(REQUEST, mission="" if text else "aggregation", mission_text=text)
+    return store.create(**{"owner": "ann", "name": "a test", "direction": "maximise", "request": request} | given)
 
 
 def test_a_job_is_read_as_it_was_created(store):
     job = create(store, text="robots: 3\n", key="k")
-    assert (store.read(job.id), store.mission(job.id), store.ids()) == (job, "robots: 3\n", [job.id])
-    assert (job.id.startswith("a-test-"), job.owner, job.request, job.key) == (True, "ann", REQUEST, "k")
+    assert (store.read(job.id), store.ids()) == (job, [job.id])
+    assert (job.id.startswith("a-test-"), job.owner, job.key) == (True, "ann", "k")
+    assert store.request(job.id) == replace(REQUEST, mission="", mission_text="robots: 3\n")
+    assert "robots: 3" not in store.file(job.id).read_text()  # the text has a file of its own
 
 
 def test_a_shipped_mission_has_no_text(store):
-    assert store.mission(create(store).id) is None
+    assert store.request(create(store).id) == REQUEST
 
 
 def test_changes_are_there_after_a_restart(store):
@@ -59,7 +62,7 @@ def test_a_damaged_text_is_said(store):
     job = create(store, text="x")
     (store.folder(job.id) / "mission.yaml").write_bytes(b"\xff")
     with pytest.raises(ServiceError, match=r"mission\.yaml"):
-        store.mission(job.id)
+        store.request(job.id)
 
 
 def test_deletion_takes_the_run_folder(store):

@@ -30,8 +30,8 @@ def test_a_job_runs_to_its_end(house):
     row = house.row(job)
     assert (row.state, row.message, row.experiments) == ("finished", "", BUDGET)
     assert row.best is not None
-    assert row.seconds == pytest.approx(11.0)
-    assert row.ended
+    assert row.job.seconds == pytest.approx(11.0)
+    assert row.job.ended
     assert house.started == [job]
     house.tick()
     assert house.started == [job]
@@ -44,14 +44,14 @@ def test_progress_is_in_the_row_while_it_runs(house):
     house.tick(5)
     row = house.row(job)
     assert 0 < row.experiments < BUDGET
-    assert (row.state, row.seconds) == ("running", 5.0)
+    assert (row.state, row.job.seconds) == ("running", 5.0)
 
 
 def test_pause_and_resume(house):
     job = house.submit()
     house.tick()
     row = house.jobs.pause(job)
-    assert (row.state, row.wish) == ("running", "pause")
+    assert (row.state, row.job.wish) == ("running", "pause")
     house.tick()
     assert house.processes[job].is_interrupted
     assert house.row(job).message == "stopping, to pause"
@@ -71,7 +71,7 @@ def test_a_job_that_was_resumed_before_it_had_stopped_goes_on(house):
     house.tick()
     house.jobs.resume(job)
     house.tick()
-    assert (house.row(job).message, house.row(job).wish) == ("stopping, to go on", "run")
+    assert (house.row(job).message, house.row(job).job.wish) == ("stopping, to go on", "run")
     house.end(job, 75)
     house.tick()
     assert house.started == [job, job]
@@ -86,8 +86,8 @@ def test_cancel(house):
     house.tick()
     house.end(running, 75)
     row = house.row(running)
-    assert (row.state, bool(row.ended)) == ("cancelled", True)
-    assert house.jobs.cancel(running).ended == row.ended
+    assert (row.state, bool(row.job.ended)) == ("cancelled", True)
+    assert house.jobs.cancel(running).job.ended == row.job.ended
     with pytest.raises(NotPossible, match="cannot resume a job that is cancelled"):
         house.jobs.resume(running)
     with pytest.raises(NotPossible, match="cannot extend a job that is cancelled"):
@@ -131,17 +131,19 @@ def test_changes_of_a_job_do_not_read_its_journal(house):
     house.tick()
     house.finish(done)
     before, ended = house.row(job), house.row(done)
-    assert (before.state, before.priority, before.shared) == ("paused", 3, True)
+    assert (before.state, before.job.request.priority, before.job.shared) == ("paused", 3, True)
     assert before.experiments > running.experiments
     assert ended.state == "finished"
     house.race(job, lines=80)
     house.race(done, lines=40)
-    assert house.jobs.change(job, priority=1) == replace(before, priority=1)
-    assert house.jobs.resume(job) == replace(before, priority=1, state="queued", wish="run")
+    changed = replace(before, job=replace(before.job, request=replace(before.job.request, priority=1)))
+    assert house.jobs.change(job, priority=1) == changed
+    assert house.jobs.resume(job) == replace(changed, job=house.store.read(job), state="queued")
     assert house.jobs.cancel(job).state == "cancelled"
-    assert house.jobs.change(done, shared=True) == replace(ended, shared=True)
+    assert house.jobs.change(done, shared=True) == replace(ended, job=replace(ended.job, shared=True))
     extended = house.jobs.change(done, budget=2 * BUDGET)
-    assert extended == replace(ended, shared=True, state="queued", budget=2 * BUDGET, ended="")
+    assert extended == replace(ended, job=house.store.read(done), state="queued")
+    assert (extended.job.request.budget, extended.job.shared, extended.job.ended) == (2 * BUDGET, True, "")
 
 
 @pytest.mark.parametrize("by", ["pause", "kill", "crash"])
@@ -162,10 +164,10 @@ def test_a_report_that_was_interrupted_is_written_later(house, by):
         house.jobs.resume(job)
     house.tick()
     assert house.started == [job, job]
-    assert not house.row(job).ended
+    assert not house.row(job).job.ended
     house.end(job, 0)
     assert house.state(job) == "finished"
-    assert house.row(job).ended
+    assert house.row(job).job.ended
 
 
 def test_a_report_that_takes_too_long_fails_its_job(furnished):
@@ -186,7 +188,7 @@ def test_extend_after_the_end(house):
     with pytest.raises(NotPossible, match=f"expected a budget above {BUDGET}, found {BUDGET}"):
         house.jobs.change(job, budget=BUDGET)
     row = house.jobs.change(job, budget=2 * BUDGET)
-    assert (row.state, row.budget, row.ended) == ("queued", 2 * BUDGET, "")
+    assert (row.state, row.job.request.budget, row.job.ended) == ("queued", 2 * BUDGET, "")
     house.tick()
     assert house.started == [job, job]
 
@@ -198,7 +200,7 @@ def test_extend_while_it_runs(house):
     house.jobs.change(job, budget=2 * BUDGET)
     house.finish(job)
     assert house.state(job) in ("queued", "running")
-    assert not house.row(job).ended
+    assert not house.row(job).job.ended
     house.tick()
     assert house.started == [job, job]
 
@@ -227,7 +229,7 @@ def test_the_same_for_what_was_resumed_and_shared(house):
     house.index.put(*rows)
     house.crash()
     assert house.state(failed) == "queued"
-    assert house.row(shared).shared
+    assert house.row(shared).job.shared
 
 
 def test_a_failure_says_why(house):
@@ -237,7 +239,7 @@ def test_a_failure_says_why(house):
     house.end(job, 1)
     row = house.row(job)
     assert (row.state, row.message) == ("failed", "it went wrong; twice")
-    assert row.ended
+    assert row.job.ended
     house.jobs.resume(job)
     house.tick()
     house.end(job, 1)
@@ -335,7 +337,7 @@ def test_index_deleted_or_damaged(house):
             (house.data / ".service/index.sqlite").write_bytes(damage)
         house.processes.clear()
         house.open()
-        found = {row.id: (row.state, row.best, row.owner, row.submitted) for row in house.index.all()}
+        found = {row.id: (row.state, row.best, row.job.owner, row.job.submitted) for row in house.index.all()}
         assert found.keys() == {row.id for row in rows}
         assert found[jobs[0]][:2] == ("finished", rows[[row.id for row in rows].index(jobs[0])].best)
 
@@ -459,7 +461,7 @@ def test_the_time_limit_survives_a_crash(furnished):
     house.tick()
     for _ in range(35):
         house.tick(100)
-    assert house.row(job).seconds == 3500.0
+    assert house.row(job).job.seconds == 3500.0
     assert house.store.read(job).seconds == 3500.0
     house.crash()
     house.tick()
@@ -679,8 +681,8 @@ def test_old_run_folders_are_shown(house, raced):
     rows = {row.id: row for row in house.index.all()}
     assert rows.keys() == {"old run", "damaged", "device"}
     old = rows["old run"]
-    assert (old.state, old.owner, old.is_job, old.name) == ("finished", "", False, "aggregation")
-    assert (old.experiments, old.budget, old.direction) == (BUDGET, BUDGET, "maximise")
+    assert (old.state, old.job.owner, old.is_job, old.job.name) == ("finished", "", False, "aggregation")
+    assert (old.experiments, old.job.request.budget, old.job.direction) == (BUDGET, BUDGET, "maximise")
     assert rows["damaged"].state == rows["device"].state == "failed"
     for operation in (house.jobs.pause, house.jobs.resume, house.jobs.cancel, house.jobs.delete):
         with pytest.raises(NotPossible, match="it is not a job of this service"):

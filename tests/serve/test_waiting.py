@@ -1,11 +1,7 @@
 """How long a new job will wait, by the rules of the scheduler."""
 
-from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.scheduler import remaining_seconds, wait_of
-
-
-def row(name, owner="ann", **more):
-    return IndexRow(id=name, owner=owner, name=name, state="queued", **more)
+from tests.serve.races import row_of as row
 
 
 def wait(queued, running, *, owner="ann", priority=0, races=1, max_running=9, seconds=10.0):

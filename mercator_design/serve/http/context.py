@@ -26,11 +26,11 @@ TheUser = Annotated[User, Depends(_user)]
 
 def may_see(user: User, row: IndexRow) -> bool:
     """Whether a user may see a job: own, shared, of no user, or as an administrator."""
-    return row.shared or not row.is_job or user.owns(row.owner)
+    return row.job.shared or not row.is_job or user.owns(row.job.owner)
 
 
 def may_change(user: User, row: IndexRow) -> bool:
-    return row.is_job and user.owns(row.owner)
+    return row.is_job and user.owns(row.job.owner)
 
 
 def visible_job(

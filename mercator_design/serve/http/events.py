@@ -84,7 +84,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         except ValueError as error:  # damaged; a client that comes back gets the problem
             _log.warning("job %s: its journal: %s", identity, error)
             return
-        if (current := replace(now, experiments=0, seconds=0.0, left=None)) != shown:
+        if (current := replace(now, job=replace(now.job, seconds=0.0), experiments=0, left=None)) != shown:
             shown = current
             state = JournalEvent(place, b"state", JobAnswer.of(now).model_dump_json().encode())
             yield _text([state])

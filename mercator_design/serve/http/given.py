@@ -61,13 +61,7 @@ def mission_of_job(service: Service, row: IndexRow) -> MissionSource:
         return MissionSource(folder=folder)
     if not row.is_job:
         raise NotPossible(f"{row.id}: expected the run folder of a mission, found one without {MISSION}")
-    return mission_of_request(service, row)
-
-
-def mission_of_request(service: Service, row: IndexRow) -> MissionSource:
-    """The mission of a job as its user wrote it."""
-    request = service.store.read(row.id).request
-    return MissionSource(name=request.mission, text=service.store.mission(row.id), overrides=request.set)
+    return MissionSource.of(service.store.request(row.id))
 
 
 def job_source(service: Service, row: IndexRow, name: str = "") -> FsmSource:

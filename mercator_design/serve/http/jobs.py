@@ -8,7 +8,7 @@ from mercator_design.serve.http.context import OwnJob, TheService, TheUser, Visi
 from mercator_design.serve.http.problems import RESPONSES
 from mercator_design.serve.http.schemas import JobAnswer, JobChange, JobPage, JobRequest, Order, Submitted
 from mercator_design.serve.jobs.job import State
-from mercator_design.serve.workers.missions import checked_request
+from mercator_design.serve.workers.missions import check_request
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
@@ -18,13 +18,13 @@ Key = Annotated[str, Header(alias="Idempotency-Key", max_length=200, pattern=r"^
 @router.post("/jobs", status_code=201)
 def submit(service: TheService, user: TheUser, body: JobRequest, response: Response, key: Key = "") -> Submitted:
     """Submit a design job. With the same Idempotency-Key, the same job is returned, and none is added."""
-    request, text = body.request(), body.mission_text
+    request = body.request()
     if key and (row := service.index.submitted(user.name, key)) is not None:
         response.status_code = 200
-        return Submitted(job=JobAnswer.of(service.jobs.same(row, request, text)), warnings=[])
+        return Submitted(job=JobAnswer.of(service.jobs.same(row, request)), warnings=[])
     service.jobs.check_disk(user.name)
-    checked = service.workers.run(checked_request, request, body.source(), service.settings.limits)
-    row = service.jobs.submit(user.name, checked.name, checked.direction, request, text, key)
+    checked = service.workers.run(check_request, request, service.settings.limits)
+    row = service.jobs.submit(user.name, checked.name, checked.direction, request, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))
 

@@ -14,15 +14,17 @@ from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
-from mercator_design.serve.http.given import mission_of_job, mission_of_request
+from mercator_design.serve.http.given import mission_of_job
 from mercator_design.serve.http.problems import RESPONSES, Missing
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
 from mercator_design.serve.jobs.index import IndexRow
+from mercator_design.serve.jobs.job import Job
 from mercator_design.serve.jobs.scheduler import Wait, remaining_seconds, wait_of
 from mercator_design.serve.service import Service
 from mercator_design.serve.workers.completion import Completions, completions
 from mercator_design.serve.workers.estimates import Cost, cost_of
 from mercator_design.serve.workers.missions import MissionReview, mission_schema, mission_text, picture, review
+from mercator_design.serve.workers.sources import MissionSource
 from mercator_design.show.text.missions import missions_facts
 
 router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)
@@ -116,12 +118,13 @@ def complete(service: TheService, body: TextToComplete) -> Completions:
 def estimate(service: TheService, user: TheUser, body: JobRequest) -> Estimate:
     """Estimate how long a job will take and wait, from a few of its experiments, which are run and timed."""
     request, settings = body.request(), service.settings
-    cost = service.workers.run(cost_of, request, body.source(), settings.limits, service.cores)
+    cost = service.workers.run(cost_of, request, settings.limits, service.cores)
     queued, _ = service.index.find(None, states=("queued",), descending=False, limit=-1)
     running, _ = service.index.find(None, states=("running",), limit=-1)
     usual = sum(cost.seconds) / 2.0 / request.budget
+    new = Job(id="", owner=user.name, name="", direction="", request=request, submitted="")
     wait = wait_of(
-        IndexRow(id="", owner=user.name, name="", state="queued", priority=request.priority),
+        IndexRow(job=new, state="queued"),
         queued,
         running,
         seconds=lambda row: remaining_seconds(row, usual),
@@ -144,5 +147,6 @@ def text_of_job(service: Service, row: IndexRow) -> str:
         MissionError: It cannot be submitted, for example because it has an image.
         NotPossible: Its run folder is not of a mission.
     """
-    source = mission_of_request(service, row) if row.is_job else mission_of_job(service, row)
+    is_ours = row.is_job
+    source = MissionSource.of(service.store.request(row.id)) if is_ours else mission_of_job(service, row)
     return service.workers.run(mission_text, source, service.settings.limits)

@@ -1,5 +1,6 @@
 """The bodies of requests and answers on jobs."""
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -92,10 +93,7 @@ class JobRequest(MissionGiven):
     ] = 0
 
     def request(self) -> RaceRequest:
-        return RaceRequest(
-            mission=self.mission, set=tuple(self.set), budget=self.budget, method=self.method, flavour=self.flavour,
-            seed=self.seed, test_runs=self.test_runs, priority=self.priority,
-        )  # fmt: skip
+        return RaceRequest(**self.model_dump() | {"set": tuple(self.set)})
 
 
 class JobChange(Body):
@@ -132,7 +130,10 @@ class JobAnswer(BaseModel):
     @classmethod
     def of(cls, row: IndexRow) -> "JobAnswer":
         """The answer of a row of the index."""
-        return cls(**{name: getattr(row, name) for name in cls.model_fields})
+        known = asdict(row)
+        known |= known.pop("job")
+        known |= known.pop("request")
+        return cls(**{name: known[name] for name in cls.model_fields})
 
 
 class Submitted(BaseModel):

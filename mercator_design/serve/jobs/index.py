@@ -1,53 +1,51 @@
 """The index of jobs: what lists show, in SQLite. Missing or damaged, it is made again from the data folder."""
 
+import json
 import sqlite3
 import threading
+import zlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from mercator_design.serve.database import database
-from mercator_design.serve.jobs.job import State, Wish
-
-_VERSION = 4
-"""Of the table; an index of another version is made again."""
+from mercator_design.serve.jobs.job import Job, RaceRequest, State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndexRow:
-    """What lists show of a job, or of a run folder that is of no job."""
+    """A job, or a run folder that is of no job, with what lists show of its race."""
 
-    id: str
-    owner: str  # empty for a run folder that is of no job
-    name: str  # of the mission
+    job: Job  # as in its file, with the seconds until now; without an owner for a run folder that is of no job
     state: State
-    wish: Wish = "run"  # of its users: a running race may be about to pause
     message: str = ""  # why it failed, or what it waits for
-    method: str = ""
-    flavour: str = ""
-    seed: int = 0
-    budget: int = 0
-    priority: int = 0
     experiments: int = 0  # done
     best: float | None = None  # mean score of the winner, or of the best so far
     tested: float | None = None  # mean score of the winner on fresh instances
-    direction: str = "maximise"
-    submitted: str = ""  # time
-    ended: str = ""  # time
-    seconds: float = 0.0  # of its races
-    left: float | None = None  # seconds that its race still takes, about
-    shared: bool = False
-    key: str = ""  # of the submission
+    left: float | None = None  # estimate of the seconds until the end of its race
+
+    @property
+    def id(self) -> str:
+        return self.job.id
 
     @property
     def is_job(self) -> bool:
         """Whether the service runs it; else its run folder was in the data folder."""
-        return self.owner != ""
+        return self.job.owner != ""
 
 
-_COLUMNS = tuple(field.name for field in fields(IndexRow))
+_COLUMNS = {
+    "id": "job.id", "owner": "job.owner", "name": "job.name", "state": "state", "budget": "job.request.budget",
+    "experiments": "experiments", "best": "best", "priority": "job.request.priority", "submitted": "job.submitted",
+    "shared": "job.shared", "key": "job.key",
+}  # fmt: skip
+"""Columns that queries use -> attributes of a row; a further column has the whole row as JSON."""
 ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best", "priority")
+_values = attrgetter(*_COLUMNS.values())
+_VERSION = zlib.crc32(repr([[one.name for one in fields(kind)] for kind in (IndexRow, Job, RaceRequest)]).encode()) >> 1
+"""Version of the table: an index of rows with other fields is made again."""
 
 
 class Index:
@@ -61,7 +59,6 @@ class Index:
         self._lock = threading.RLock()
         self._known: dict[str, IndexRow] = {}  # rows as they are in the file
         self._db = database(file, _prepare)
-        self._db.row_factory = sqlite3.Row
 
     def close(self) -> None:
         with self._lock:
@@ -69,11 +66,12 @@ class Index:
 
     def put(self, *rows: IndexRow) -> None:
         """Add or replace rows."""
-        marks = ", ".join("?" * len(_COLUMNS))
+        marks = ", ".join("?" * (len(_COLUMNS) + 1))
+        values = [(*_values(row), json.dumps(row, default=_fields_of)) for row in rows]
         with self._lock:
             with self._db:
                 self._db.execute("BEGIN")
-                self._db.executemany(f"INSERT OR REPLACE INTO jobs VALUES ({marks})", [astuple(row) for row in rows])  # noqa: S608
+                self._db.executemany(f"INSERT OR REPLACE INTO jobs VALUES ({marks})", values)  # noqa: S608
             self._known |= {row.id: row for row in rows}
 
     def remove(self, *ids: str) -> None:
@@ -86,10 +84,8 @@ class Index:
         """A row; also for hundreds who ask several times a second."""
         if (known := self._known.get(identity)) is not None:
             return known
-        with self._lock:
-            for row in self._rows("WHERE id = ?", [identity]):
-                self._known[identity] = row
-            return self._known.get(identity)
+        self._rows("WHERE id = ?", [identity])
+        return self._known.get(identity)
 
     def change(self, identity: str, **changes: Any) -> IndexRow:  # noqa: ANN401 - the fields of IndexRow
         """Change fields of a row that is there.
@@ -116,8 +112,7 @@ class Index:
     def set_queued_message(self, message: str) -> None:
         """Set what all queued jobs wait for."""
         with self._lock:
-            self._db.execute("UPDATE jobs SET message = ? WHERE state = 'queued' AND message != ?", (message, message))
-            self._known.clear()
+            self.put(*(replace(row, message=message) for row in self._rows("WHERE state = 'queued'", [])))
 
     def submitted(self, owner: str, key: str) -> IndexRow | None:
         """The job that a user has submitted with a key."""
@@ -162,10 +157,10 @@ class Index:
         values = [value for _, given in asked for value in given]
         if order not in ORDERS:
             raise ValueError(order)
-        way = "DESC" if descending else "ASC"
+        direction = "DESC" if descending else "ASC"
         with self._lock:
             total = self._db.execute(f"SELECT count(*) FROM jobs {where}", values).fetchone()[0]  # noqa: S608
-            tail = f"{where} ORDER BY {order} {way}, submitted {way}, id {way} LIMIT ? OFFSET ?"
+            tail = f"{where} ORDER BY {order} {direction}, submitted {direction}, id {direction} LIMIT ? OFFSET ?"
             return self._rows(tail, [*values, limit, offset]), total
 
     def counts(self, owner: str | None = None) -> dict[State, int]:
@@ -177,18 +172,31 @@ class Index:
 
     def _rows(self, tail: str, values: Sequence[object]) -> list[IndexRow]:
         with self._lock:
-            found = self._db.execute(f"SELECT * FROM jobs {tail}", values).fetchall()  # noqa: S608 - only our own text
-        return [IndexRow(**{name: one[name] for name in _COLUMNS} | {"shared": bool(one["shared"])}) for one in found]
+            found = self._db.execute(f"SELECT id, row FROM jobs {tail}", values).fetchall()  # noqa: S608 - our own text
+            self._known |= {identity: _row_of(text) for identity, text in found if identity not in self._known}
+            return [self._known[identity] for identity, _ in found]
+
+
+def _fields_of(one: IndexRow | Job | RaceRequest) -> dict[str, object]:
+    return {name: getattr(one, name) for name in one.__slots__}
+
+
+def _row_of(text: str) -> IndexRow:
+    row = json.loads(text)
+    job = row["job"]
+    request = job["request"]
+    request["set"] = tuple(request["set"])
+    return IndexRow(**row | {"job": Job(**job | {"request": RaceRequest(**request)})})
 
 
 def _prepare(db: sqlite3.Connection) -> None:
     if db.execute("PRAGMA user_version").fetchone()[0] != _VERSION:
         db.execute("DROP TABLE IF EXISTS jobs")
-        db.execute(f"CREATE TABLE jobs ({', '.join(_COLUMNS)}, PRIMARY KEY (id))")
+        db.execute(f"CREATE TABLE jobs ({', '.join(_COLUMNS)}, row, PRIMARY KEY (id))")
         db.execute("CREATE INDEX by_time ON jobs (submitted)")
         db.execute("CREATE INDEX by_owner ON jobs (owner, state)")
         db.execute("CREATE INDEX by_key ON jobs (owner, key)")
         db.execute(f"PRAGMA user_version={_VERSION}")
-    db.execute(f"SELECT {', '.join(_COLUMNS)} FROM jobs LIMIT 1").fetchone()  # noqa: S608 - our own names
+    db.execute(f"SELECT {', '.join(_COLUMNS)}, row FROM jobs LIMIT 1").fetchone()  # noqa: S608 - our own names
     if (found := db.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
         raise sqlite3.DatabaseError(found)

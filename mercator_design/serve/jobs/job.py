@@ -1,7 +1,4 @@
-"""A job: what its user has asked for, and its state.
-
-The run folder has the race itself. The file of a job has the rest: request, owner, wish, failure.
-"""
+"""A job: a request, and its state. The run folder has the race itself; the file of a job has the rest."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias, get_args
@@ -20,10 +17,11 @@ Wish: TypeAlias = Literal["run", "pause", "cancel"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaceRequest:
-    """What a job is to do, in the terms of `mdesign race`."""
+    """Request of a race, in the terms of `mdesign race`: the same value from a route of the API to the job."""
 
-    mission: str  # name of a shipped mission; empty: the text beside the job's file
-    set: tuple[str, ...] = ()
+    mission: str  # name of a shipped mission; empty: mission_text is one
+    mission_text: str | None = None  # of a mission file; of a job's file, it is in a file beside it
+    set: tuple[str, ...] = ()  # overrides of the mission
     budget: Annotated[int, Range(1, MAX_BUDGET)]
     method: Annotated[str, OneOf(tuple(METHODS))] = DEFAULT_METHOD
     flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"

@@ -31,9 +31,7 @@ class Operations:
     def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: UserLimits) -> None:
         self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
 
-    def submit(
-        self, owner: str, name: str, direction: str, request: RaceRequest, text: str | None, key: str = ""
-    ) -> IndexRow:
+    def submit(self, owner: str, name: str, direction: str, request: RaceRequest, key: str = "") -> IndexRow:
         """A new job, whose mission has been checked; or the job that was submitted with the same key.
 
         Raises:
@@ -44,11 +42,11 @@ class Operations:
         """
         with self._supervisor.locked:
             if key and (row := self._index.submitted(owner, key)) is not None:
-                return self.same(row, request, text)
+                return self.same(row, request)
             self._check_budget(request.budget)
             self._check_budget(request.test_runs, "test_runs")
             self._check_number(owner)
-            job = self._store.create(owner, name, direction, request, text, key=key)
+            job = self._store.create(owner, name, direction, request, key=key)
             try:
                 row = self._supervisor.refresh(job.id)
                 assert row is not None  # noqa: S101 - its file was just written
@@ -58,14 +56,14 @@ class Operations:
         self._supervisor.wake()
         return row
 
-    def same(self, row: IndexRow, request: RaceRequest, text: str | None) -> IndexRow:
+    def same(self, row: IndexRow, request: RaceRequest) -> IndexRow:
         """The job that was submitted with a key that comes again.
 
         Raises:
             NotPossible: It was for another request.
         """
-        if self._store.read(row.id).request != request or self._store.mission(row.id) != text:
-            raise NotPossible(f"the key {row.key} was used for another job: {row.id}")
+        if self._store.request(row.id) != request:
+            raise NotPossible(f"the key {row.job.key} was used for another job: {row.id}")
         return row
 
     def check_disk(self, owner: str) -> None:
@@ -95,7 +93,7 @@ class Operations:
             NotPossible: It has ended otherwise.
             LimitReached: see `Limits`.
         """
-        return self._go_on(identity, "resume", (*_OPEN, "failed"), _going_on)
+        return self._change(identity, "resume", (*_OPEN, "failed"), _going_on, goes_on=True)
 
     def cancel(self, identity: str) -> IndexRow:
         """Stop a job for good; its results so far stay.
@@ -103,11 +101,8 @@ class Operations:
         Raises:
             NotPossible: It has ended otherwise.
         """
-        with self._supervisor.locked:
-            row = self._expect(identity, "cancel", (*_OPEN, "cancelled"))
-            if row.state == "cancelled":
-                return row
-            return self._change(identity, "cancel", _OPEN, lambda _: {"wish": "cancel", "ended": now()})
+        states = (*_OPEN, "cancelled")
+        return self._change(identity, "cancel", states, lambda job: {"wish": "cancel", "ended": job.ended or now()})
 
     def change(
         self, identity: str, *, budget: int | None = None, priority: int | None = None, shared: bool | None = None
@@ -135,7 +130,7 @@ class Operations:
 
         if budget is None:
             return self._change(identity, "change", STATES, changes)
-        return self._go_on(identity, "extend", (*_OPEN, "finished", "failed"), changes)
+        return self._change(identity, "extend", (*_OPEN, "finished", "failed"), changes, goes_on=True)
 
     def delete(self, identity: str) -> None:
         """Delete a job that does not run, with its run folder.
@@ -152,26 +147,33 @@ class Operations:
             self._index.remove(identity)
 
     def _change(
-        self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
+        self,
+        identity: str,
+        what: str,
+        states: Collection[State],
+        changes: Callable[[Job], dict[str, Any]],
+        *,
+        goes_on: bool = False,
     ) -> IndexRow:
-        """Change fields of a job that is in one of some states."""
+        """Change fields of a job that is in one of some states.
+
+        Args:
+            identity: Its id.
+            what: The verb, for messages.
+            states: The states in which this is possible.
+            changes: The changed fields.
+            goes_on: Whether the job goes on; the limits of its user have to permit it.
+        """
+        if goes_on:  # before the lock: measuring folders would keep other changes waiting
+            self.check_disk(self._expect(identity, what, states).job.owner)
         with self._supervisor.locked:
             row = self._expect(identity, what, states)
+            if goes_on and row.state not in _OPEN:
+                self._check_number(row.job.owner)
             self._store.update(identity, **changes(self._store.read(identity)))
             changed = self._supervisor.note_change(identity)
         self._supervisor.wake()
         return changed or row
-
-    def _go_on(
-        self, identity: str, what: str, states: Collection[State], changes: Callable[[Job], dict[str, Any]]
-    ) -> IndexRow:
-        """Change a job so that it goes on, if the limits of its user permit it."""
-        self.check_disk(self._expect(identity, what, states).owner)  # too slow to keep other changes waiting
-        with self._supervisor.locked:
-            row = self._expect(identity, what, states)
-            if row.state not in _OPEN:
-                self._check_number(row.owner)
-            return self._change(identity, what, states, changes)
 
     def _check_number(self, owner: str) -> None:
         counts = self._index.counts(owner)

@@ -4,7 +4,7 @@ import errno
 import logging
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -53,6 +53,10 @@ class Running:
     def seconds(self, clock: float) -> float:
         """That the job's races have run, with this one."""
         return round(self.job.seconds + clock - self.unsaved_since, 1)
+
+    def job_at(self, clock: float) -> Job:
+        """The job, with the seconds until now."""
+        return replace(self.job, seconds=self.seconds(clock))
 
     def left(self, clock: float) -> float | None:
         """Seconds that the race still takes, by its pace since its first experiment here; None if not known yet."""

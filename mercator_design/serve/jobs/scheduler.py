@@ -26,8 +26,10 @@ def next_job(
         served: A number for each user whose job was started; it is higher for a later one.
         max_running: Number of jobs of a user that may run at the same time.
     """
-    owner = next_user((row.owner for row in queued), Counter(row.owner for row in running), served, max_running)
-    return max((row for row in queued if row.owner == owner), key=lambda row: row.priority, default=None)
+    owner = next_user((row.job.owner for row in queued), Counter(row.job.owner for row in running), served, max_running)
+    return max(
+        (row for row in queued if row.job.owner == owner), key=lambda row: row.job.request.priority, default=None
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +66,7 @@ def wait_of(
         max_running: Jobs of a user that may run at the same time.
     """
     waiting, now, begun = [*queued, new], 0.0, 0
-    served = {row.owner: -1 for row in queued}
+    served = {row.job.owner: -1 for row in queued}
     at_work = [(seconds(row), number, row) for number, row in enumerate(running)]
     heapq.heapify(at_work)
     while begun < _MAX_JOBS:
@@ -75,7 +77,7 @@ def wait_of(
             if row is not None:
                 waiting.remove(row)
                 begun += 1
-                served[row.owner] = begun
+                served[row.job.owner] = begun
                 heapq.heappush(at_work, (now + seconds(row), len(running) + begun, row))
                 continue
         if not at_work:
@@ -93,6 +95,6 @@ def remaining_seconds(row: IndexRow, usual: float) -> float:
     """
     if row.left is not None:
         return row.left
-    left = max(0, row.budget - row.experiments)
-    pace = row.seconds / row.experiments if row.experiments and row.seconds else usual
+    left = max(0, row.job.request.budget - row.experiments)
+    pace = row.job.seconds / row.experiments if row.experiments and row.job.seconds else usual
     return left * pace

@@ -46,10 +46,8 @@ class Store(Records[Job]):
             if not self.file(left.name).exists():
                 self._clear(left.name)
 
-    def create(
-        self, owner: str, name: str, direction: str, request: RaceRequest, text: str | None, *, key: str = ""
-    ) -> Job:
-        """A new job; its text is the mission, unless that is a shipped one.
+    def create(self, owner: str, name: str, direction: str, request: RaceRequest, *, key: str = "") -> Job:
+        """A new job. The text of its mission is written to a file of its own.
 
         Raises:
             ServiceError: A value is not valid, for example the name.
@@ -60,11 +58,11 @@ class Store(Records[Job]):
             owner=owner,
             name=name,
             direction=direction,
-            request=request,
+            request=replace(request, mission_text=None),
             submitted=now("microseconds"),  # so exact that it orders submissions
             key=key,
         )
-        self.add(job, {} if text is None else {MISSION: text})
+        self.add(job, {} if request.mission_text is None else {MISSION: request.mission_text})
         return job
 
     def run_folder(self, identity: str) -> Path:
@@ -84,13 +82,14 @@ class Store(Records[Job]):
             text = text.replace(f"{folder}/", "").replace(f"{escape(folder)}/", "")
         return text
 
-    def mission(self, identity: str) -> str | None:
-        """The text of a job's mission; None if it is a shipped one.
+    def request(self, identity: str) -> RaceRequest:
+        """The request of a job, with the text of its mission.
 
         Raises:
-            ServiceError: It is damaged.
+            ServiceError: A file of the job is damaged.
         """
-        return self.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
+        text = self.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
+        return replace(self.read(identity).request, mission_text=text)
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
         """Change fields of a job; it is written only if one of them changes.

@@ -21,7 +21,7 @@ from mercator_design.serve.jobs.index import Index, IndexRow
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus
-from mercator_design.serve.jobs.rows import changed_row, is_of, row_of_folder, row_of_job
+from mercator_design.serve.jobs.rows import changed_row, figures_of, row_of_folder, row_of_job
 from mercator_design.serve.jobs.running import NO_SPACE, Running
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
@@ -119,7 +119,7 @@ class Supervisor:
             for identity in ids:
                 with self._going_on(identity):
                     row = known.get(identity)
-                    if row is None or row.state not in ENDED or not is_of(row, self._store.read(identity)):
+                    if row is None or row.state not in ENDED or row.job != self._store.read(identity):
                         self.refresh(identity)
             self._look_at_others()
 
@@ -159,7 +159,7 @@ class Supervisor:
         if (run := self._runs.get(job.id)) is not None:
             run.job = job
             clock = self._clock()
-            row = replace(row, message=run.message, seconds=run.seconds(clock), left=run.left(clock))
+            row = replace(row, job=run.job_at(clock), message=run.message, left=run.left(clock))
         elif row.state == "queued" and job.id in self._held:
             row = replace(row, state="paused", message=self._held[job.id][0])
         elif row.state == "queued":
@@ -249,15 +249,8 @@ class Supervisor:
 
     def _note_progress(self, run: Running, clock: float) -> None:
         run.read_on()
-        self._index.change(
-            run.job.id,
-            experiments=run.status.view.n_experiments,
-            best=run.status.view.best_score,
-            tested=run.status.view.tested_score,
-            seconds=float(int(run.seconds(clock))),
-            left=run.left(clock),
-            message=run.message,
-        )
+        found = figures_of(run.status)
+        self._index.change(run.job.id, job=run.job_at(clock), left=run.left(clock), message=run.message, **found)
         if clock - run.unsaved_since >= _KEEP:
             run.job, run.unsaved_since = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
 

@@ -33,7 +33,7 @@ def gallery(
     rows, _ = service.index.find(user.name, states=("finished",), owner=whose, text=text, limit=_MAX_SHOWN)
     cards = [
         *((one.created, _of_design(one, user)) for one in saved),
-        *((row.ended or row.submitted, _of_job(row)) for row in rows),
+        *((row.job.ended or row.job.submitted, _of_job(row)) for row in rows),
     ]
     cards.sort(key=lambda card: card[0], reverse=True)
     checked = " checked" if own else ""
@@ -73,10 +73,11 @@ def _of_design(one: Design, user: User) -> Html:
 def _of_job(row: IndexRow) -> Html:
     best = row.best if row.tested is None else row.tested
     where = "in its race" if row.tested is None else "in its tests"
-    score = None if best is None else f"{number(best)} (mean {where}, {row.direction})"
+    score = None if best is None else f"{number(best)} (mean {where}, {row.job.direction})"
+    job = row.job
     link = Html(f'<a href="/jobs/{quote(row.id)}"><bdi>{escaped(row.id)}</bdi></a>') if row.is_job else row.id
-    facts = [("Job", link), ("Score", score), ("By", row.owner or None), ("Ended", (row.ended or row.submitted)[:10])]
-    return _card("job", row.id, row.name, facts, f"/api/v1/jobs/{quote(row.id)}/files/fsm.txt", "")
+    facts = [("Job", link), ("Score", score), ("By", job.owner or None), ("Ended", (job.ended or job.submitted)[:10])]
+    return _card("job", row.id, job.name, facts, f"/api/v1/jobs/{quote(row.id)}/files/fsm.txt", "")
 
 
 def _card(kind: str, identity: str, name: str, facts: Sequence[tuple[str, object]], fetch: str, more: str) -> Html:

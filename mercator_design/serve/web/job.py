@@ -72,7 +72,7 @@ def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
         f"{_messages(service, row) if may_change(user, row) else ''}</div>"
     )
     scripts = ("viewer.js", "page.js", "live.js", "job.js")
-    return page(row.name, body, user=user, scripts=scripts, styles=("viewer.css", "jobs.css"))
+    return page(row.job.name, body, user=user, scripts=scripts, styles=("viewer.css", "jobs.css"))
 
 
 @router.get("/now")
@@ -165,18 +165,19 @@ def _now(service: Service, user: User, row: IndexRow) -> Html:
     ends = "true" if row.state in ENDED else "false"
     facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
     facts += f' data-place="{_place(service, row)}"'
-    what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", row.name), ("job", row.id)]
+    job, request = row.job, row.job.request
+    what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", job.name), ("job", row.id)]
     if user.name != LOCAL.name:
-        what.append(("owner", row.owner or "a run folder of no job"))
-    request = f"{row.method}, {row.flavour}, seed {row.seed}" if row.method else None
-    what += [("method", request), ("priority", row.priority or None)]
-    what += [("submitted", moment(row.submitted) or None), ("ended", moment(row.ended) or None)]
-    what += [("has run", duration(row.seconds) if row.seconds else None)]
+        what.append(("owner", job.owner or "a run folder of no job"))
+    method = f"{request.method}, {request.flavour}, seed {request.seed}" if request.method else None
+    what += [("method", method), ("priority", request.priority or None)]
+    what += [("submitted", moment(job.submitted) or None), ("ended", moment(job.ended) or None)]
+    what += [("has run", duration(job.seconds) if job.seconds else None)]
     words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
     actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
     again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
     key, links = quote(row.id, safe=""), ""
-    if row.best is not None and row.flavour:
+    if row.best is not None and request.flavour:
         links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
     all_actions = f'<div class="actions">{_design(service, row)}{actions}{again}{links}</div>'
@@ -229,17 +230,18 @@ def _changes(user: User, row: IndexRow) -> Html:
     """The form of what is seldom changed."""
     if not may_change(user, row):
         return Html()
+    request = row.job.request
     shared = (
-        f'<label class="tick"><input type="checkbox" name="shared"{" checked" if row.shared else ""}> '
+        f'<label class="tick"><input type="checkbox" name="shared"{" checked" if row.job.shared else ""}> '
         "Show it to all users</label>"
         if user.name != LOCAL.name
         else ""
     )
     fields = (
-        f'<label>New budget (experiments)<input type="number" name="budget" min="{row.budget + 1}" step="1" '
-        f'placeholder="{row.budget}" inputmode="numeric"></label>'
+        f'<label>New budget (experiments)<input type="number" name="budget" min="{request.budget + 1}" step="1" '
+        f'placeholder="{request.budget}" inputmode="numeric"></label>'
         f'<label>Priority among your jobs<input type="number" name="priority" min="{-MAX_PRIORITY}" '
-        f'max="{MAX_PRIORITY}" value="{row.priority}"></label>{shared}<div><button>Change</button></div>'
+        f'max="{MAX_PRIORITY}" value="{request.priority}"></label>{shared}<div><button>Change</button></div>'
     )
     form = f'<form class="fields" id="change">{fields}</form>'
     return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)

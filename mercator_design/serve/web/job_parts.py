@@ -51,7 +51,7 @@ def button(row: IndexRow, action: Action) -> Html:
     confirm = f' data-confirm="{escaped(action.confirm)}"' if action.confirm else ""
     danger = ' class="danger"' if action.confirm else ""
     identity = escaped(f"{action.word.lower()}-{row.id}")
-    label = escaped(f"{action.word} {row.name} {row.id}")
+    label = escaped(f"{action.word} {row.job.name} {row.id}")
     return Html(
         f'<button type="button" id="{identity}" aria-label="{label}"{danger} data-do="{action.method} {path}"{confirm}>'
         f"{action.word}</button>"
@@ -60,8 +60,8 @@ def button(row: IndexRow, action: Action) -> Html:
 
 def buttons(row: IndexRow, *actions: Action) -> Html:
     """The buttons of the actions that are possible in the state of a job."""
-    if row.state == "running" and row.wish != "run":
-        actions = () if row.wish == "cancel" else (CANCEL,)
+    if row.state == "running" and row.job.wish != "run":
+        actions = () if row.job.wish == "cancel" else (CANCEL,)
     return Html("".join(button(row, one) for one in actions if row.state in one.states))
 
 
@@ -73,11 +73,12 @@ def state(row: IndexRow) -> Html:
 
 def progress(row: IndexRow) -> Html:
     """The progress of a job as a bar with figures."""
-    label = f"{row.experiments} of {row.budget} experiments"
+    budget = row.job.request.budget
+    label = f"{row.experiments} of {budget} experiments"
     left = f'<span class="faint"> · {time_left(row)}</span>' if time_left(row) else ""
     return Html(
-        f'<progress max="{max(row.budget, 1)}" value="{row.experiments}" aria-label="{label}"></progress>'
-        f'<span class="figures">{row.experiments} of {row.budget}{left}</span>'
+        f'<progress max="{max(budget, 1)}" value="{row.experiments}" aria-label="{label}"></progress>'
+        f'<span class="figures">{row.experiments} of {budget}{left}</span>'
     )
 
 

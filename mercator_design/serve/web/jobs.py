@@ -139,8 +139,8 @@ def _table(rows: list[IndexRow], user: User) -> Html:
 
 
 def _line(row: IndexRow, user: User, *, has_owners: bool) -> Html:
-    name = f'<a href="{address(row)}"><bdi>{escaped(row.name)}</bdi></a>'
-    shared = ' <span class="tag">shared</span>' if row.shared and has_owners else ""
+    name = f'<a href="{address(row)}"><bdi>{escaped(row.job.name)}</bdi></a>'
+    shared = ' <span class="tag">shared</span>' if row.job.shared and has_owners else ""
     cells = [
         ("mission", f'{name}{shared}<span class="id faint">{escaped(row.id)}</span>'),
         ("what", state(row)),
@@ -148,9 +148,9 @@ def _line(row: IndexRow, user: User, *, has_owners: bool) -> Html:
         ("best", f'<span class="label">Best</span> {value}' if (value := best(row)) else ""),
     ]
     if has_owners:
-        owner = f'<span class="label">Owner</span> <bdi>{escaped(row.owner)}</bdi>' if row.is_job else "run folder"
+        owner = f'<span class="label">Owner</span> <bdi>{escaped(row.job.owner)}</bdi>' if row.is_job else "run folder"
         cells.append(("owner", owner))
-    cells.append(("when", moment(row.submitted)))
+    cells.append(("when", moment(row.job.submitted)))
     cells.append(("actions", buttons(row, *ACTIONS) if may_change(user, row) else ""))
     shown = "".join(f'<td class="{name}">{cell}</td>' for name, cell in cells)
     return Html(f'<tr id="{escaped(f"job-{row.id}")}">{shown}</tr>')

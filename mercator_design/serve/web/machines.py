@@ -140,7 +140,7 @@ def _offered(service: Service, user: User, job: str = "", design: str = "") -> _
 
 def _missions(offered: _Offered, chosen: str = "") -> Html:
     """Options: the missions that a user may use, as `kind:name`."""
-    own = [(f"job:{one.id}", f"{one.name} ({one.id})") for one in offered.jobs]
+    own = [(f"job:{one.id}", f"{one.job.name} ({one.id})") for one in offered.jobs]
     saved = [(f"design:{one.id}", f"{one.mission} (design {one.name})") for one in offered.designs]
     return Html(
         _group("Shipped missions", [(f"mission:{name}", name) for name in shipped.missions()], chosen)
@@ -152,7 +152,7 @@ def _missions(offered: _Offered, chosen: str = "") -> Html:
 def _rivals(offered: _Offered) -> Html:
     """Options: winners of jobs, and saved designs, as `kind:id`."""
     jobs = [
-        (f"job:{one.id}", f"{one.name}: {'winner' if one.state == 'finished' else 'best so far'} of {one.id}")
+        (f"job:{one.id}", f"{one.job.name}: {'winner' if one.state == 'finished' else 'best so far'} of {one.id}")
         for one in offered.jobs
         if one.best is not None
     ]

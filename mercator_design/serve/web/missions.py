@@ -15,9 +15,7 @@ from mercator_design.race.methods.table import METHODS
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
 from mercator_design.serve.http.schemas import MAX_ID, MAX_SEED
-from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_PRIORITY, MAX_TESTS, RaceRequest
-from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
 from mercator_design.show.markup import escaped
 from mercator_design.show.report.markup import Html
@@ -53,7 +51,7 @@ def new(
     try:
         if job:
             row = visible_job(service, user, job)
-            text, request, name = text_of_job(service, row), _request_of(service, row), ""
+            text, request, name = text_of_job(service, row), row.job.request, ""
         elif name not in shipped.missions():
             raise MissionError(f"there is no shipped mission {name}")
     except MercatorError as error:
@@ -79,13 +77,6 @@ def _named(text: str, name: str) -> str:
         return text
     place = next((number for number, line in enumerate(lines) if line.startswith("schema:")), -1)
     return "\n".join([*lines[: place + 1], f"name: {name}", *lines[place + 1 :]])
-
-
-def _request_of(service: Service, row: IndexRow) -> RaceRequest:
-    """What another job was to do, as far as it is known."""
-    if row.is_job:
-        return service.store.read(row.id).request
-    return RaceRequest(mission="", budget=max(1, row.budget), method=row.method, flavour=row.flavour, seed=row.seed)
 
 
 def _start(name: str, job: str) -> Html:
@@ -125,7 +116,7 @@ def _settings(limit: int, request: RaceRequest) -> Html:
         for name, budget in _BUDGETS.items()
         if budget <= limit
     )
-    budget = _number("budget", "Budget (number of experiments)", request.budget, 1, limit)
+    budget = _number("budget", "Budget (number of experiments)", max(1, request.budget), 1, limit)
     fields = (
         _choice("method", "Method", METHODS, request.method),
         _choice("flavour", "Flavour of modules", FLAVOURS, request.flavour),

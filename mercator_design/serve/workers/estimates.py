@@ -43,18 +43,18 @@ class Cost:
     seconds: tuple[float, float]
 
 
-def cost_of(request: RaceRequest, source: MissionSource, limits: UserLimits, cores: int) -> Cost:
+def cost_of(request: RaceRequest, limits: UserLimits, cores: int) -> Cost:
     """The computing time of the race of a job.
 
     Args:
-        request: What the job is to do.
-        source: Its mission.
+        request: The request of the job.
         limits: Of the service.
         cores: Experiments that run at the same time.
 
     Raises:
         MercatorError: The mission is not valid, or a race of it cannot begin.
     """
+    source = MissionSource.of(request)
     simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
     times = computing_times(source, request.flavour, limits)

@@ -61,13 +61,13 @@ def warm_up() -> None:
     Simulator(load_mission("aggregation")).rehearse(announce=lambda _: None)
 
 
-def checked_request(request: RaceRequest, source: MissionSource, limits: UserLimits) -> CheckedMission:
+def check_request(request: RaceRequest, limits: UserLimits) -> CheckedMission:
     """Check the mission of a job, and that a race of it can begin.
 
     Raises:
         MercatorError: It cannot; with each mistake.
     """
-    mission = source.read(limits)
+    mission = MissionSource.of(request).read(limits)
     simulator = Simulator(mission)
     simulator.check_placement()
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)

@@ -11,6 +11,7 @@ from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.race.session.record import Record
+from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.settings import UserLimits
@@ -29,6 +30,10 @@ class MissionSource:
     text: str | None = None
     overrides: tuple[str, ...] = ()
     folder: Path | None = None  # a run folder of ours, which has all files of its mission
+
+    @classmethod
+    def of(cls, request: RaceRequest) -> "MissionSource":
+        return cls(name=request.mission, text=request.mission_text, overrides=request.set)
 
     def read(self, limits: UserLimits) -> Mission:
         """The mission.

@@ -183,7 +183,7 @@ class TestResume:
         assert digest(elsewhere / "moved") == digest(undisturbed)
 
     @pytest.mark.swept
-    @pytest.mark.parametrize("method", some(["halving", "random", "tpe", "cma-es"], 1))
+    @pytest.mark.parametrize("method", some(["halving", "random", "tpe", "cma-es", "evostick"], 1))
     def test_whatever_its_method(self, mdesign, tmp_path, method):
         """Which is what the race began with."""
         folder = tmp_path / "r"
@@ -829,8 +829,8 @@ class TestRuns:
             assert (code, out) == (1, "")
             assert err.removeprefix("Finding what explains the scores ...\n").startswith(f"Error: {old}/")
             words = (
-                "method: expected halving, irace, random, tpe, cma-es, found surrogate, a method of another version: "
-                "mercator_design 0.1.0 can read it"
+                "method: expected halving, irace, random, tpe, cma-es, evostick, found surrogate, a method of another "
+                "version: mercator_design 0.1.0 can read it"
             )
             assert words in err
         assert {file: file.read_bytes() for file in old.iterdir()} == before

@@ -47,8 +47,8 @@ _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' thread
 @click.option(
     "--budget",
     type=click.IntRange(1, 10**9),
-    help="Maximum number of experiments; at least 20 for halving and random, 60 for irace, 40 for tpe and "
-    "cma-es. With --resume, a larger budget to continue with.",
+    help="Maximum number of experiments; at least 20 for halving, random and evostick, 60 for irace, 40 for "
+    "tpe and cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
 @_JOBS

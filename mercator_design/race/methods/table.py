@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, Protocol
 
+from mercator_design.race.methods.evostick import EvoStick
 from mercator_design.race.methods.halving import Halving
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
@@ -57,7 +58,8 @@ METHODS: Mapping[str, Method] = {
     "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
+    "evostick": EvoStick,
 }
-"""Generations by successive halving; iterated F-race; uniform random search; and searches with Optuna's tree-structured
-Parzen estimator and CMA-ES, with the rule of its Wilcoxon pruner.
+"""Generations by successive halving; iterated F-race; uniform random search; searches with Optuna's tree-structured
+Parzen estimator and CMA-ES, with the rule of its Wilcoxon pruner; and EvoStick's evolutionary algorithm.
 """

@@ -28,6 +28,7 @@ _WORDS = {
     "halving": "halving (recommended)",
     "tpe": "tpe, of Optuna",
     "cma-es": "cma-es, of Optuna",
+    "evostick": "evostick: an evolutionary algorithm, for networks",
     "random": "random search",
     "watermelon": "watermelon: for Mercator",
     "chocolate": "chocolate: for e-pucks, without colours",

@@ -1,4 +1,4 @@
-"""The application: all routes, behind the guard."""
+"""The web application: all routes, behind the guard."""
 
 import re
 from typing import Any
@@ -11,8 +11,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from mercator_design import __version__
-from mercator_design.serve.accounts.entrance import Entrance
-from mercator_design.serve.accounts.guard import Guard, Openings
+from mercator_design.serve.accounts.endpoint import Endpoint
+from mercator_design.serve.accounts.guard import Guard, RouteInfo
 from mercator_design.serve.http import events, files, jobs, missions, system
 from mercator_design.serve.http.machines import designs, fsms
 from mercator_design.serve.http.problems import report_problems
@@ -26,23 +26,23 @@ from mercator_design.serve.web.layout import problem_page
 from mercator_design.serve.web.part_cache import PartCache
 from mercator_design.serve.workers.pool import CURRENT_USER
 
-THIS_MACHINE = Entrance()
-"""Only this machine reaches the service."""
+LOCAL_ENDPOINT = Endpoint()
+"""Endpoint that only this machine reaches."""
 _TOKEN = HTTPBearer(auto_error=False, description="A token of `mdesign users`; without users, none is needed.")
-"""Is in the document of the API only: the guard looks at tokens."""
+"""Entry in the document of the API only; the guard verifies tokens."""
 
 
-def guarded(service: Service, entrance: Entrance = THIS_MACHINE) -> ASGIApp:
-    """The application of a running service, behind the guard: what is served."""
+def guarded(service: Service, endpoint: Endpoint = LOCAL_ENDPOINT) -> ASGIApp:
+    """Application of a running service, behind the guard."""
     app = application(service)
-    guard = Guard(_with_user(app), service.accounts, entrance, openings(app))
-    if not entrance.is_behind_proxy:
+    guard = Guard(_with_current_user(app), service.accounts, endpoint, route_info(app))
+    if not endpoint.is_behind_proxy:
         return guard
-    return ProxyHeadersMiddleware(guard, [*entrance.proxies])  # type: ignore[arg-type,return-value]  # types of its own
+    return ProxyHeadersMiddleware(guard, [*endpoint.proxies])  # type: ignore[arg-type,return-value]  # types of its own
 
 
-def _with_user(app: ASGIApp) -> ASGIApp:
-    """An application whose requests name their user, for the workers."""
+def _with_current_user(app: ASGIApp) -> ASGIApp:
+    """Application that sets CURRENT_USER for each request."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         user = scope["state"]["user"] if scope["type"] == "http" else None
@@ -65,7 +65,7 @@ def application(service: Service) -> FastAPI:
         dependencies=[Depends(_TOKEN)],
     )
     app.state.service = service
-    app.state.kept = PartCache(service.workers, service.settings.workers)
+    app.state.part_cache = PartCache(service.workers, service.settings.workers)
     report_problems(app, problem_page)
     for room in (
         *(jobs, missions, events, files, system),
@@ -76,15 +76,15 @@ def application(service: Service) -> FastAPI:
     return app
 
 
-def openings(app: FastAPI) -> Openings:
-    """What the guard has to know of the routes."""
+def route_info(app: FastAPI) -> RouteInfo:
+    """Facts of an application's routes that the guard needs."""
     streams = [
         compile_path(route.path)[0]
         for route in iter_route_contexts(app.routes)
         if route.path is not None and _is_stream(getattr(route, "responses", None))
     ]
     loaded = re.findall(r'(?:src|href)="(/assets/[\w.-]+)', bytes(login.login_page("/").body).decode())
-    return Openings(
+    return RouteInfo(
         login_page=login.login_page,
         assets=frozenset(loaded),
         is_stream=lambda path: any(stream.match(path) for stream in streams),
@@ -92,5 +92,5 @@ def openings(app: FastAPI) -> Openings:
 
 
 def _is_stream(responses: dict[int | str, dict[str, Any]] | None) -> bool:
-    """Whether a route says of itself that it answers with events."""
+    """Whether a route is documented to answer with events."""
     return "text/event-stream" in (responses or {}).get(200, {}).get("content", {})

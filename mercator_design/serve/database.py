@@ -7,21 +7,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 _LOG = 250
-"""Pages of the log (1 MB) after which it begins again."""
+"""Pages of the write-ahead log before a checkpoint (1 MB)."""
 RESERVED_BYTES = 2_000_000
-"""Bytes that are taken in the file and in its log."""
+"""Reserved size of the file, and of its log [bytes]."""
 
 
 _UNREADABLE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR}
-"""What damaged files lead to, the last if tables or columns are others. Full disks and locks lead to other errors."""
+"""Error codes of damaged files; SQLITE_ERROR is that of other tables or columns."""
 
 
 def database(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlite3.Connection:
     """A connection for several threads to a file that only its owner may read.
 
     Args:
-        file: Missing or damaged, it is made again.
-        prepare: Makes the tables that are not there, and reads from each.
+        file: The file; if missing or damaged, it is made again.
+        prepare: Function that makes missing tables, and reads from each.
 
     Raises:
         OSError, sqlite3.Error: The file cannot be made, or not be opened for another reason than damage.
@@ -52,10 +52,7 @@ def _opened(file: Path, prepare: Callable[[sqlite3.Connection], None]) -> sqlite
 
 
 def _reserve(connection: sqlite3.Connection) -> None:
-    """Take space on the disk, so that small changes are written also when it is full.
-
-    The file keeps free pages. The log stays as long as it has been, and begins again from its start before that.
-    """
+    """Reserve space, so that small changes are possible on a full disk: free pages of the file, and a long log."""
     connection.execute(f"PRAGMA wal_autocheckpoint={_LOG}")
     connection.executescript(
         "DROP TABLE IF EXISTS reserve;"

@@ -1,4 +1,4 @@
-"""Designs: FSMs that users keep under a name, with the mission that they are for. Their files are the truth.
+"""Designs: FSMs that users saved under a name, with their missions, as files.
 
 DATA/.service/designs/ID/    design.json, fsm.txt, mission.yaml
 """
@@ -39,7 +39,7 @@ class Design:
 
     @property
     def mean(self) -> float | None:
-        """The mean score; None if it is not known."""
+        """Mean score; None if unknown."""
         return fmean(self.scores) if self.scores else None
 
 
@@ -89,7 +89,7 @@ class Designs(Records[Design]):
         )
 
     def create(self, design: Design, fsm: str, mission: str) -> Design:
-        """Keep a new design with the texts of its files; it gets an id and a time.
+        """Save a new design with the texts of its files; return it with its id and time.
 
         Raises:
             LimitReached: The user has too many.
@@ -104,7 +104,7 @@ class Designs(Records[Design]):
             return design
 
     def check_number(self, owner: str) -> None:
-        """Check that a user may keep one more.
+        """Check that a user may save one more design.
 
         Raises:
             LimitReached: The user has too many.

@@ -1,4 +1,4 @@
-"""Records: each is a JSON file in a folder of its own, perhaps with texts beside it. They are the truth."""
+"""Records: a JSON file in a folder of its own for each, with text files beside it."""
 
 import json
 import re
@@ -33,7 +33,7 @@ class Records(Generic[R]):
     """The records in a folder.
 
     Args:
-        folder: Where they are; it is made if need be.
+        folder: Folder of the records; made if missing.
         kind: The dataclass.
         file: The name of the file of a record in its folder.
 
@@ -86,7 +86,7 @@ class Records(Generic[R]):
         return record
 
     def write(self, record: R) -> None:
-        """Write a record that is there.
+        """Write an existing record.
 
         Raises:
             OSError: It cannot be written; it is as before.
@@ -107,6 +107,6 @@ class Records(Generic[R]):
 
 
 def new_id(name: str) -> str:
-    """An id that nothing else has, which begins with a name."""
+    """Unique id that begins with a name."""
     stem = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "mission"
     return f"{stem}-{''.join(secrets.choice(_ALPHABET) for _ in range(10))}"

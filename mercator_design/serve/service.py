@@ -34,7 +34,7 @@ class Service:
         with ExitStack() as ends:
             try:
                 self.store = Store(self.data)
-                ends.callback(os.close, _locked(self.data))
+                ends.callback(os.close, _lock_folder(self.data))
                 self.store.finish_deletions()
             except OSError as error:
                 raise ServiceError(f"{self.data}: cannot be used: {error.strerror or error}") from None
@@ -65,8 +65,8 @@ class Service:
         self._ends.close()
 
 
-def _locked(data: Path) -> int:
-    """The file that one service at a time has locked."""
+def _lock_folder(data: Path) -> int:
+    """Locked file, which keeps a second service from the same folder."""
     file = os.open(data / SERVICE / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -10,9 +10,9 @@ from mercator_design.errors import MercatorError
 
 FILE = "serve.yaml"
 SERVICE = ".service"
-"""The folder in the data folder for all but run folders."""
+"""Folder in the data folder for everything but run folders."""
 MAX_WORKERS = 64
-"""Processes for short work."""
+"""Maximum number of processes for short work."""
 _Count = Annotated[int, Range(1)]
 _Megabytes = Annotated[int, Range(0)]
 
@@ -23,7 +23,7 @@ class ServiceError(MercatorError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UserLimits:
-    """What a user may ask for."""
+    """Limits of a user."""
 
     budget: _Count = 100_000  # experiments of a job
     robots: _Count = 100  # of a mission
@@ -62,7 +62,7 @@ def load_settings(folder: Path) -> ServiceSettings:
     """The settings in the file of a folder; without a file, the defaults.
 
     Raises:
-        ServiceError: with file, line and key.
+        ServiceError: The settings are not valid; with file, line and key.
     """
     file = folder / FILE
     return read(file, ServiceSettings, error=ServiceError) if file.exists() else ServiceSettings()

@@ -1,4 +1,4 @@
-from mercator_design.serve.app import application, openings
+from mercator_design.serve.app import application, route_info
 from mercator_design.serve.workers.pool import CURRENT_USER
 
 
@@ -7,7 +7,7 @@ def test_the_list_of_jobs_is_empty_at_first(client):
 
 
 def test_events_alone_are_event_streams(service):
-    is_stream = openings(application(service)).is_stream
+    is_stream = route_info(application(service)).is_stream
     assert is_stream("/api/v1/jobs/x/events")
     for path in ("/api/v1/jobs/x/files/fsm.txt", "/api/v1/jobs/x/files/events", "/api/v1/jobs", "/jobs/x"):
         assert not is_stream(path), path

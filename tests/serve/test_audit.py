@@ -3,12 +3,12 @@ import stat
 
 import pytest
 
-from mercator_design.serve.accounts.audit import Audit
+from mercator_design.serve.accounts.audit import AuditLog
 
 
 @pytest.fixture
 def audit(tmp_path, clock):
-    found = Audit(tmp_path / "audit.log", clock.now, size=2000)
+    found = AuditLog(tmp_path / "audit.log", clock.now, size=2000)
     yield found
     found.close()
 
@@ -54,7 +54,7 @@ def test_it_is_for_its_owner_alone_and_begins_anew(audit, tmp_path):
 
 def test_a_link_is_not_followed(tmp_path, clock, caplog):
     (tmp_path / "audit.log").symlink_to(tmp_path / "other")
-    audit = Audit(tmp_path / "audit.log", clock.now)
+    audit = AuditLog(tmp_path / "audit.log", clock.now)
     write(audit)
     audit.close()
     assert not (tmp_path / "other").exists()

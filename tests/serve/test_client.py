@@ -241,7 +241,7 @@ class TestToken:
         with Connection("http://lab.example", "secret", transport=httpx.MockTransport(answer)) as connection:
             with pytest.raises(ClientError) as error:
                 connection.call("GET", "/jobs")
-            assert connection.sends_openly
+            assert connection.sends_token_unencrypted
         assert seen == ["Bearer secret"]
         assert "secret" not in str(error.value)
         assert error.value.messages[1].startswith("give your token for http://lab.example in MERCATOR_DESIGN_TOKEN")

@@ -11,9 +11,9 @@ from anyio import to_thread
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import PlainTextResponse
 
-from mercator_design.serve.accounts.entrance import tls_of
+from mercator_design.serve.accounts.endpoint import tls_of
 from mercator_design.serve.http import connections
-from mercator_design.serve.http.connections import Waiting
+from mercator_design.serve.http.connections import WaitingConnections
 from mercator_design.serve.http.server import Server, listening
 from tests.processes import LIMIT, wait_until
 from tests.tiers import some
@@ -52,7 +52,7 @@ def patient(monkeypatch):
 @contextlib.asynccontextmanager
 async def running(waiting=None, *, tls=None, app=application):
     """The address of a server, and the connections that wait."""
-    waiting = Waiting() if waiting is None else waiting
+    waiting = WaitingConnections() if waiting is None else waiting
     with listening("127.0.0.1", 0) as listener:
         found = Server(app, waiting, tls)
         found.capture_signals = contextlib.nullcontext
@@ -131,7 +131,7 @@ class TestTime:
             await PlainTextResponse(b"x" * 60_000)(scope, receive, send)
 
         async def run():
-            waiting = Waiting()
+            waiting = WaitingConnections()
             async with running(waiting, app=app) as (address, _):
                 with socket.socket() as client:
                     client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
@@ -150,7 +150,7 @@ class TestNumber:
         """Neither others at their address, nor at another one."""
 
         async def run():
-            async with running(Waiting(6, 4)) as (address, waiting):
+            async with running(WaitingConnections(6, 4)) as (address, waiting):
                 with contextlib.ExitStack() as opened:
                     for n in range(8):
                         client = opened.enter_context(
@@ -167,7 +167,7 @@ class TestNumber:
 
     def test_the_one_that_has_waited_longest_is_closed(self, patient):
         async def run():
-            async with running(Waiting(100, 3)) as (address, waiting):
+            async with running(WaitingConnections(100, 3)) as (address, waiting):
                 first, second = [await asyncio.open_connection(*address) for _ in range(2)]
                 await self.until(lambda: len(waiting) == 2)
                 first[1].write(ASK)  # now the second has waited longer
@@ -183,12 +183,12 @@ class TestNumber:
 
     def test_bytes_of_a_body_do_not_make_a_wait_shorter(self, patient):
         async def run():
-            async with running(Waiting(100, 2)) as (address, waiting):
+            async with running(WaitingConnections(100, 2)) as (address, waiting):
                 slow, other = [await asyncio.open_connection(*address) for _ in range(2)]
                 slow[1].write(SLOW["body"])
-                await self.until(lambda: sorted(self.owed(waiting)) == ["body", "request"])
+                await self.until(lambda: sorted(self.awaited(waiting)) == ["body", "request"])
                 other[1].write(SLOW["body"])
-                await self.until(lambda: self.owed(waiting) == ["body", "body"])
+                await self.until(lambda: self.awaited(waiting) == ["body", "body"])
                 slow[1].write(b"x")
                 third = await asyncio.open_connection(*address)
                 assert await slow[0].read() == b""
@@ -199,7 +199,7 @@ class TestNumber:
 
     def test_the_address_with_the_most_loses_one(self, patient):
         async def run():
-            async with running(Waiting(4, 4)) as (address, waiting):
+            async with running(WaitingConnections(4, 4)) as (address, waiting):
                 few = await asyncio.open_connection(*address, local_addr=("127.0.0.2", 0))
                 await self.until(lambda: len(waiting) == 1)
                 many = []
@@ -216,7 +216,7 @@ class TestNumber:
 
     def test_a_proxy_has_the_connections_of_many(self, patient):
         async def run():
-            waiting = Waiting(6, 2, lambda address: address == "127.0.0.1")
+            waiting = WaitingConnections(6, 2, lambda address: address == "127.0.0.1")
             async with running(waiting) as (address, _):
                 opened = [await asyncio.open_connection(*address) for _ in range(5)]
                 await self.until(lambda: len(waiting) == 5)
@@ -226,7 +226,7 @@ class TestNumber:
         asyncio.run(run())
 
     def test_addresses_of_a_network_count_together(self):
-        waiting = Waiting()
+        waiting = WaitingConnections()
         assert (
             waiting.group_of("2001:db8::1") == waiting.group_of("2001:db8::ffff") != waiting.group_of("2001:db8:1::1")
         )
@@ -245,7 +245,7 @@ class TestNumber:
             await PlainTextResponse("end")(scope, receive, send)
 
         async def run():
-            async with running(Waiting(2, 2), app=app) as (address, waiting):
+            async with running(WaitingConnections(2, 2), app=app) as (address, waiting):
                 reader, writer = await asyncio.open_connection(*address)
                 writer.write(SLOW["unread end"])
                 await started.wait()
@@ -271,8 +271,8 @@ class TestNumber:
         await asyncio.to_thread(wait_until, condition)
 
     @staticmethod
-    def owed(waiting):
-        return [one._owed for group in [*waiting._groups.values()] for one in [*group]]
+    def awaited(waiting):
+        return [one._awaited for group in [*waiting._groups.values()] for one in [*group]]
 
 
 class TestTls:
@@ -283,7 +283,7 @@ class TestTls:
 
     def test_handshakes_that_do_not_come_keep_nobody_out(self, patient, certificate, trusting):
         async def run():
-            async with running(Waiting(3, 3), tls=tls_of(*certificate)) as (address, waiting):
+            async with running(WaitingConnections(3, 3), tls=tls_of(*certificate)) as (address, waiting):
                 with contextlib.ExitStack() as opened:
                     for n in range(6):
                         opened.enter_context(socket.create_connection(address))

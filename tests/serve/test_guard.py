@@ -9,12 +9,12 @@ import pytest
 from starlette.responses import PlainTextResponse
 
 from mercator_design.serve import database
+from mercator_design.serve.accounts import audit_rate
 from mercator_design.serve.accounts import guard as guard_module
-from mercator_design.serve.accounts import noise
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.accounts.concurrency import ConcurrencyLimit
-from mercator_design.serve.accounts.entrance import Entrance
-from mercator_design.serve.accounts.guard import Guard, Openings
+from mercator_design.serve.accounts.endpoint import Endpoint
+from mercator_design.serve.accounts.guard import Guard, RouteInfo
 from mercator_design.serve.accounts.refusals import MAX_BODY, MAX_FORM, Refusal
 from mercator_design.serve.accounts.users import LOCAL
 from mercator_design.serve.settings import UserLimits
@@ -24,8 +24,8 @@ from tests.serve.asgi import ask, request
 JSON = {"content-type": "application/json"}
 METHODS = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "X"]
 CHANGES = ["POST", "PUT", "PATCH", "DELETE", "TRACE", "X"]
-OPEN = Entrance(host="0.0.0.0", has_tls=True, names=("lab.example.org",))  # noqa: S104 - that is what is tested
-PROXIED = Entrance(is_behind_proxy=True, names=("lab.example.org",))
+OPEN = Endpoint(host="0.0.0.0", has_tls=True, names=("lab.example.org",))  # noqa: S104 - that is what is tested
+PROXIED = Endpoint(is_behind_proxy=True, names=("lab.example.org",))
 
 
 class Application:
@@ -70,15 +70,15 @@ def accounts(tmp_path, clock):
 
 @pytest.fixture
 def guard(application, accounts, clock):
-    """Makes a guard for an entrance."""
+    """Makes a guard for an endpoint."""
 
-    def make(entrance=Entrance(), **given):  # noqa: B008 - frozen
-        openings = Openings(
+    def make(endpoint=Endpoint(), **given):  # noqa: B008 - frozen
+        route_info = RouteInfo(
             login_page=lambda target: PlainTextResponse(f"login for {target}"),
             assets=frozenset({"/assets/a.css"}),
             is_stream=lambda path: path == "/events",
         )
-        return Guard(application, accounts, entrance, openings, **{"clock": clock} | given)
+        return Guard(application, accounts, endpoint, route_info, **{"clock": clock} | given)
 
     return make
 
@@ -107,9 +107,9 @@ class TestWho:
         accounts.users.revoke("ana")
         assert ask(guard(), "GET", "/").status == 401
 
-    @pytest.mark.parametrize("entrance", [OPEN, PROXIED])
-    def test_others_need_a_login_even_without_users(self, guard, entrance):
-        answer = ask(guard(entrance), "GET", "/", scheme="https", host="lab.example.org")
+    @pytest.mark.parametrize("endpoint", [OPEN, PROXIED])
+    def test_others_need_a_login_even_without_users(self, guard, endpoint):
+        answer = ask(guard(endpoint), "GET", "/", scheme="https", host="lab.example.org")
         assert answer.status == 401
 
     def test_by_token(self, guard, ana):
@@ -633,7 +633,7 @@ class TestStreams:
     @pytest.mark.parametrize("is_silent", [True, False])
     @pytest.mark.parametrize("way", ["token", "session", "logout", "local", "service"])
     def test_it_ends_with_the_login(self, guard, application, request, accounts, way, is_silent, monkeypatch):
-        monkeypatch.setattr(guard_module, "LOOK_SECONDS", 0.001 if is_silent else LIMIT)
+        monkeypatch.setattr(guard_module, "CHECK_SECONDS", 0.001 if is_silent else LIMIT)
         if way in ("local", "service"):
             headers = {}
         else:
@@ -691,22 +691,24 @@ class TestAudit:
     )
     def test_strangers_do_not_fill_it(self, guard, accounts, ana, session, clock, sent):
         app, (method, path, headers, given) = guard(), sent
-        for _ in range(3 * noise.MAX_LINES):
+        for _ in range(3 * audit_rate.MAX_LINES):
             ask(app, method, path, headers, **given)
-        assert len(lines(accounts)) == noise.MAX_LINES
+        assert len(lines(accounts)) == audit_rate.MAX_LINES
         ask(app, method, path, headers, **given, client="192.0.2.2")
-        clock.seconds += noise.PERIOD
+        clock.seconds += audit_rate.PERIOD
         ask(app, method, path, headers, **given)
-        assert len(lines(accounts)) == noise.MAX_LINES + 2
-        for _ in range(2 * noise.MAX_LINES):
+        assert len(lines(accounts)) == audit_rate.MAX_LINES + 2
+        for _ in range(2 * audit_rate.MAX_LINES):
             ask(app, "POST", "/x", session)  # known, although refused
-        assert [line["user"] for line in lines(accounts)[noise.MAX_LINES + 2 :]] == ["bob"] * 2 * noise.MAX_LINES
+        assert [line["user"] for line in lines(accounts)[audit_rate.MAX_LINES + 2 :]] == [
+            "bob"
+        ] * 2 * audit_rate.MAX_LINES
 
     def test_addresses_are_forgotten(self, accounts, monkeypatch):
-        monkeypatch.setattr(noise, "MAX_ADDRESSES", 3)
+        monkeypatch.setattr(audit_rate, "MAX_ADDRESSES", 3)
         for number in range(10):
-            accounts.noise.is_too_much(f"192.0.2.{number}")
-        assert len(accounts.noise._found) == 3
+            accounts.audit_rate.is_exceeded(f"192.0.2.{number}")
+        assert len(accounts.audit_rate._found) == 3
 
     def test_no_secret_is_in_any_file_or_message(self, guard, accounts, caplog, capfd):
         token = accounts.users.add("ana")

@@ -85,7 +85,7 @@ def test_an_order_is_one_of_ours(index):
 def test_counts_keys_and_what_queued_jobs_wait_for(index):
     index.put(row("a", key="k"), row("b", state="failed"), row("c", "bob"), row("d", "", state="failed"))
     assert (index.counts("ann"), index.counts()) == ({"queued": 1, "failed": 1}, {"queued": 2, "failed": 1})
-    assert (index.submitted("ann", "k").id, index.submitted("bob", "k")) == ("a", None)
+    assert (index.find_by_key("ann", "k").id, index.find_by_key("bob", "k")) == ("a", None)
     index.set_queued_message("waits")
     assert [index.get(one).message for one in "abcd"] == ["waits", "", "waits", ""]
 

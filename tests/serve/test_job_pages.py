@@ -100,13 +100,13 @@ def test_filters(quiet, ann):
     assert job not in some.text
     assert cancelled in some.text
     assert 'data-live="/jobs?state=cancelled&amp;text=of+a+kind"' in some.text
-    order = ann.get("/jobs", params={"text": "of a kind", "order": "name", "way": "up"}).text
+    order = ann.get("/jobs", params={"text": "of a kind", "order": "name", "direction": "up"}).text
     assert order.index(job) < order.index(cancelled)
     assert "No job matches" in ann.get("/jobs?text=nothing+like+it").text
 
 
 @pytest.mark.parametrize(
-    "query", ["state=x&order=key&way=y&page=-3&whose=z", "page=999999", "text=%00%ff%3Cb%3E", "page=x"]
+    "query", ["state=x&order=key&direction=y&page=-3&whose=z", "page=999999", "text=%00%ff%3Cb%3E", "page=x"]
 )
 def test_odd_queries_are_no_errors(ann, query):
     checked(ann.get(f"/?{query}"))

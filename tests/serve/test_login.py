@@ -9,7 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from mercator_design.serve.accounts import sessions
-from mercator_design.serve.accounts.entrance import Entrance
+from mercator_design.serve.accounts.endpoint import Endpoint
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.app import guarded
 from mercator_design.serve.service import Service
@@ -61,7 +61,7 @@ def test_the_cookie_is_for_the_service_alone(lab, browser):
 
 
 def test_over_tls_the_cookie_is_secure(lab):
-    app = guarded(lab.service, Entrance(host="192.0.2.1", has_tls=True, names=("lab.example.org",)))
+    app = guarded(lab.service, Endpoint(host="192.0.2.1", has_tls=True, names=("lab.example.org",)))
     with TestClient(app, base_url="https://lab.example.org", follow_redirects=False) as browser:
         answer = browser.post("/login", data={"token": lab.ana}, headers={"origin": "https://lab.example.org"})
         name, *flags = answer.headers["set-cookie"].split("; ")
@@ -75,10 +75,10 @@ def test_over_tls_the_cookie_is_secure(lab):
 
 
 def test_behind_a_proxy_only_its_headers_count(lab):
-    entrance = Entrance(is_behind_proxy=True, names=("lab.example.org",), proxies=("10.0.0.0/8",))
+    endpoint = Endpoint(is_behind_proxy=True, names=("lab.example.org",), proxies=("10.0.0.0/8",))
     forwarded = {"x-forwarded-proto": "https", "x-forwarded-for": "192.0.2.9"}
     for peer, expected in (("10.0.0.3", 303), ("192.0.2.3", 403)):
-        app = guarded(lab.service, entrance)
+        app = guarded(lab.service, endpoint)
         with TestClient(
             app, base_url="http://lab.example.org", follow_redirects=False, headers=forwarded, client=(peer, 1)
         ) as browser:

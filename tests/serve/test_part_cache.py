@@ -10,7 +10,7 @@ import pytest
 from mercator_design.errors import RaceError
 from mercator_design.serve.web.part_cache import PartCache
 from mercator_design.serve.workers.pool import CURRENT_USER, Busy
-from mercator_design.serve.workers.races import Part
+from mercator_design.serve.workers.races import PagePart
 from tests.processes import LIMIT
 
 
@@ -29,7 +29,7 @@ class FakePool:
 
 
 def part(folder):
-    return Part(f"{folder.name} {(folder / 'journal.jsonl').stat().st_size}", None)
+    return PagePart(f"{folder.name} {(folder / 'journal.jsonl').stat().st_size}", None)
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def grow(place):
 def test_200_readers_of_a_race_that_stands_still_cost_one_computation(place, clock):
     for _ in range(200):
         clock.seconds += 1
-        assert place.kept.get(part, place.folder) == (Part("job 1", None), True)
+        assert place.kept.get(part, place.folder) == (PagePart("job 1", None), True)
     assert place.pool.n == 1
 
 
@@ -69,7 +69,7 @@ def test_what_takes_long_is_computed_seldom(place, clock):
     found, is_fresh = place.kept.get(part, place.folder)
     assert (found.text, is_fresh) == ("job 1", False)
     clock.seconds += 2
-    assert place.kept.get(part, place.folder) == (Part("job 2", None), True)
+    assert place.kept.get(part, place.folder) == (PagePart("job 2", None), True)
 
 
 def test_the_end_of_a_race_is_shown_at_once(place):
@@ -77,7 +77,7 @@ def test_the_end_of_a_race_is_shown_at_once(place):
     place.kept.get(part, place.folder)
     grow(place)
     (place.folder / "proof.json").touch()
-    assert place.kept.get(part, place.folder) == (Part("job 2", None), True)
+    assert place.kept.get(part, place.folder) == (PagePart("job 2", None), True)
 
 
 def test_helpers_are_left_to_other_work(place, tmp_path):
@@ -92,7 +92,7 @@ def test_helpers_are_left_to_other_work(place, tmp_path):
 
     place.kept.get(asks_for_another, place.folder)
     assert inside == [(None, False)]
-    assert place.kept.get(part, other) == (Part("other 0", None), True)
+    assert place.kept.get(part, other) == (PagePart("other 0", None), True)
 
 
 def test_users_do_not_keep_one_another_waiting(place, tmp_path):
@@ -107,7 +107,7 @@ def test_users_do_not_keep_one_another_waiting(place, tmp_path):
         return part(folder)
 
     contextvars.copy_context().run(place.kept.get, asked_by_another, place.folder)
-    assert inside == [(Part("other 0", None), True)]
+    assert inside == [(PagePart("other 0", None), True)]
 
 
 def test_nobody_waits_for_a_computation(place):
@@ -124,7 +124,7 @@ def test_nobody_waits_for_a_computation(place):
     assert place.kept.get(slow, place.folder) == (None, False)
     go.set()
     thread.join(LIMIT)
-    assert place.kept.get(slow, place.folder) == (Part("job 1", None), True)
+    assert place.kept.get(slow, place.folder) == (PagePart("job 1", None), True)
     assert place.pool.n == 1
 
 
@@ -145,4 +145,4 @@ def test_an_error_is_kept_until_the_folder_changes(place, clock):
 def test_a_busy_desk_is_asked_again(place):
     place.pool.errors.append(Busy("busy"))
     assert place.kept.get(part, place.folder) == (None, False)
-    assert place.kept.get(part, place.folder) == (Part("job 1", None), True)
+    assert place.kept.get(part, place.folder) == (PagePart("job 1", None), True)

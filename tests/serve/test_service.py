@@ -22,10 +22,10 @@ def test_two_services_on_one_folder(tmp_path, idle_races):
         unfinished.mkdir()
         with pytest.raises(ServiceError, match="another service runs on this folder"), Service(tmp_path):
             pass
-        assert first.supervisor.is_at_work
+        assert first.supervisor.is_alive
         assert unfinished.exists()
     with Service(tmp_path) as next_one:
-        assert next_one.supervisor.is_at_work
+        assert next_one.supervisor.is_alive
         assert not unfinished.exists()
 
 

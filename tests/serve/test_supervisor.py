@@ -15,7 +15,7 @@ import pytest
 from mercator_design.race.session.journal import Reading
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.races import check_place
-from mercator_design.serve.jobs.running import Running
+from mercator_design.serve.jobs.running_race import RunningRace
 from mercator_design.serve.settings import UserLimits
 from tests.serve.races import BUDGET, House, locked
 
@@ -771,7 +771,7 @@ class TestTimeLeft:
     @staticmethod
     def running(budget=100, n_before=0):
         status = SimpleNamespace(view=SimpleNamespace(n_experiments=n_before))
-        return Running(None, None, status, None, unsaved_since=0.0, budget=budget, n_before=n_before)
+        return RunningRace(None, None, status, None, unsaved_since=0.0, budget=budget, n_before=n_before)
 
     def test_it_is_that_of_the_pace_since_the_first_experiment(self):
         run = self.running(n_before=5)

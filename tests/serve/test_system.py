@@ -15,7 +15,7 @@ def test_health_and_readiness(client):
 
 
 def test_it_is_not_ready_when_jobs_are_not_looked_after(client, service, monkeypatch):
-    monkeypatch.setattr(type(service.supervisor), "is_at_work", False)
+    monkeypatch.setattr(type(service.supervisor), "is_alive", False)
     answer = client.get("/readyz")
     assert (answer.status_code, answer.text) == (503, "not ready\n")
     assert client.get("/healthz").status_code == 200

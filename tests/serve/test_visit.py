@@ -63,7 +63,7 @@ def test_from_the_login_to_the_fsm(page, lab):
     page.wait_for("location.pathname.startsWith('/jobs/')")
     job = page.evaluate("decodeURIComponent(location.pathname.slice(6))")
 
-    # its race is followed to its end, and its winner replayed
+    # its race is followed to its end, and its winner receive_again
     page.wait_for("document.querySelector('#now')?.dataset.state === 'finished'")
     page.wait_for("document.getElementById('watch') && !document.getElementById('watch').hidden")
     page.evaluate("document.getElementById('watch').click()")

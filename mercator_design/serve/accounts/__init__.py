@@ -1,1 +1,1 @@
-"""Who may do what: users with their tokens, sessions of the pages, and the guard in front of every request."""
+"""Users with their tokens, sessions of browsers, and the guard that checks every request."""

@@ -1,4 +1,4 @@
-"""The accounts of a service: its users, their sessions, what they do at this moment, and the audit log."""
+"""The accounts of a service: users, their sessions and open requests, and the audit log."""
 
 import asyncio
 import time
@@ -9,31 +9,31 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mercator_design.serve.accounts import audit, sessions
-from mercator_design.serve.accounts.audit import Audit
+from mercator_design.serve.accounts.audit import AuditLog
+from mercator_design.serve.accounts.audit_rate import AuditRateLimit
 from mercator_design.serve.accounts.concurrency import ConcurrencyLimit
-from mercator_design.serve.accounts.noise import AuditNoise
 from mercator_design.serve.accounts.sessions import Sessions
 from mercator_design.serve.accounts.users import Holder, Users
 from mercator_design.serve.settings import SERVICE, UserLimits
 
 MAX_REQUESTS, MAX_STREAMS = 800, 600
-"""Requests of all users that are answered at a time, event streams apart; their event streams."""
+"""Maximum number of requests of all users at the same time, without event streams; of event streams."""
 
 
 class Accounts:
-    """All that the service knows of those who use it; safe for several threads.
+    """Users, sessions, open requests and audit log of a service; safe for several threads.
 
     Args:
         data: The data folder.
-        limits: Of a user.
+        limits: Limits of a user.
         now: The time.
-        clock: Seconds that have passed since some time.
+        clock: Monotonic time [s].
 
     Attributes:
-        noise: Lines of unknown senders in the audit log.
+        audit_rate: Lines of unknown senders in the audit log.
         answers: The number of answers by their status.
-        requests: Those of users that are being answered, event streams apart.
-        streams: Event streams.
+        requests: Limit of open requests, without event streams.
+        streams: Limit of open event streams.
 
     Raises:
         OSError, sqlite3.Error: The files in the data folder cannot be made.
@@ -48,8 +48,8 @@ class Accounts:
     ) -> None:
         self.users = Users(data, now)
         self.sessions = Sessions(data / SERVICE / sessions.FILE, now)
-        self.audit = Audit(data / SERVICE / audit.FILE, now)
-        self.noise = AuditNoise(clock)
+        self.audit = AuditLog(data / SERVICE / audit.FILE, now)
+        self.audit_rate = AuditRateLimit(clock)
         self.answers: Counter[int] = Counter()
         self.requests = ConcurrencyLimit("requests", limits.requests, MAX_REQUESTS)
         self.streams = ConcurrencyLimit("event streams", limits.streams, MAX_STREAMS)

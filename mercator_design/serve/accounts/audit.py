@@ -1,4 +1,4 @@
-"""The audit log: who has changed what, and who could not log in; a line of JSON for each."""
+"""The audit log: changes and failed logins, with their users; a line of JSON for each."""
 
 import json
 import logging
@@ -19,8 +19,8 @@ _MAX_TEXT = 300  # characters of a value
 _log = logging.getLogger(__name__)
 
 
-class Audit:
-    """Writes the audit log; safe for several threads.
+class AuditLog:
+    """Writer of the audit log; safe for several threads.
 
     Args:
         file: The log; older ones are beside it, as audit.log.1.
@@ -37,9 +37,9 @@ class Audit:
 
         Args:
             user: The name of the user; empty if it is not known.
-            address: Of the client, or the account on the machine.
+            address: Address of the client, or the account on the machine.
             what: Method and path of the request, or the command.
-            job: The job that it is about; empty if there is none.
+            job: Id of the changed job; empty if there is none.
             answer: The status of the answer, or the exit code.
         """
         texts = {"user": user, "address": address, "what": what, "job": job}

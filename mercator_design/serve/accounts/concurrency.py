@@ -1,4 +1,4 @@
-"""Limits of the requests that are answered at the same time, of a user and of all users."""
+"""Limits of open requests, of a user and of all users."""
 
 from collections import Counter
 from collections.abc import Iterator

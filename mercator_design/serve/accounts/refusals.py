@@ -1,4 +1,4 @@
-"""What the guard asks of every request: its host, sizes, origin, body. A check that fails raises a Refusal."""
+"""Checks of every request: host, sizes, origin, body. A check that fails raises a Refusal."""
 
 import asyncio
 import re
@@ -8,14 +8,14 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope
 
 from mercator_design.errors import excerpt, printable
-from mercator_design.serve.accounts.entrance import Entrance
+from mercator_design.serve.accounts.endpoint import Endpoint
 
 MAX_BODY = 1_000_000
-"""Bytes of a body."""
+"""Maximum size of a body [bytes]."""
 MAX_FORM = 4096
-"""Bytes of the form of a login."""
+"""Maximum size of the login form [bytes]."""
 BODY_SECONDS = 30.0
-"""Seconds in which a body has to come."""
+"""Time limit of reading a body [s]."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _MAX_HEADERS, _MAX_HEADER_BYTES, _MAX_TARGET = 100, 16_384, 4096
@@ -25,7 +25,7 @@ _FORM = re.compile(r"application/x-www-form-urlencoded\s*(?:;.*)?", re.IGNORECAS
 
 
 class Refusal(Exception):  # noqa: N818 - an answer
-    """A request is answered with a problem."""
+    """An answer with a problem instead of the requested one."""
 
     def __init__(self, status: int, title: str, error: str, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(error)
@@ -34,7 +34,7 @@ class Refusal(Exception):  # noqa: N818 - an answer
 
 
 def check_sizes(scope: Scope, headers: Headers) -> None:
-    """Refuse a long target, many or long headers, and a body where there is no use for one."""
+    """Refuse a long target, many or long headers, and a body on a method that takes none."""
     if len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"") > _MAX_TARGET:
         raise Refusal(414, "Address too long", f"expected an address of at most {_MAX_TARGET} bytes")
     if (
@@ -48,10 +48,10 @@ def check_sizes(scope: Scope, headers: Headers) -> None:
         raise Refusal(413, "Too large", f"expected no body: {scope['method']} changes nothing")
 
 
-def check_host(headers: Headers, entrance: Entrance) -> None:
+def check_host(headers: Headers, endpoint: Endpoint) -> None:
     """Refuse a request for another host: a page of another site may have rebound its name to this machine."""
     hosts = headers.getlist("host")
-    if len(hosts) != 1 or not entrance.knows(hosts[0]):
+    if len(hosts) != 1 or not endpoint.serves_host(hosts[0]):
         found = excerpt(", ".join(hosts)) or "none"
         raise Refusal(
             421,
@@ -60,8 +60,8 @@ def check_host(headers: Headers, entrance: Entrance) -> None:
         )
 
 
-def check_forwarding(scope: Scope, headers: Headers, entrance: Entrance, *, is_local_user: bool) -> None:
-    """Refuse what a proxy forwards to a service without users, and what has not come through the TLS of the proxy."""
+def check_forwarding(scope: Scope, headers: Headers, endpoint: Endpoint, *, is_local_user: bool) -> None:
+    """Refuse forwarded requests on a service without users, and requests that reached the proxy without TLS."""
     if is_local_user and (found := [name for name in _FORWARDED if name in headers]):
         raise Refusal(
             403,
@@ -69,12 +69,12 @@ def check_forwarding(scope: Scope, headers: Headers, entrance: Entrance, *, is_l
             f"{found[0]}: a service without users is for this machine alone, and a proxy has forwarded this: "
             "add users and --behind-proxy",
         )
-    if entrance.is_behind_proxy and scope["scheme"] != "https":
+    if endpoint.is_behind_proxy and scope["scheme"] != "https":
         raise Refusal(403, "Not allowed", "expected a request over TLS by the proxy: X-Forwarded-Proto: https")
 
 
 def check_site(headers: Headers, method: str) -> None:
-    """Refuse what a page of another site embeds or asks for; it may only lead here, as a link."""
+    """Refuse requests by pages of other sites, except links."""
     if headers.get("sec-fetch-site") in ("cross-site", "same-site") and not (
         method == "GET" and headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
     ):
@@ -100,8 +100,8 @@ def check_origin(scope: Scope, headers: Headers, *, has_cookie: bool) -> None:
         )
 
 
-def check_kind(headers: Headers, *, is_login: bool) -> None:
-    """Refuse a body of a kind that a form of another site could send."""
+def check_content_type(headers: Headers, *, is_login: bool) -> None:
+    """Refuse a content type that a form of another site could send."""
     kind = headers.get("content-type", "")
     if has_body(headers) and not (_FORM if is_login else _JSON).fullmatch(kind):
         expected = "application/x-www-form-urlencoded" if is_login else "application/json"
@@ -119,7 +119,7 @@ async def read_body(
 
     Raises:
         Refusal: It is larger than `limit` bytes, or it takes longer than `seconds`.
-        Gone: The client has gone.
+        ClientGone: The client has gone.
     """
     too_slow = Refusal(408, "Too slow", f"expected the body within {seconds:g} s")
     too_large = Refusal(413, "Too large", f"expected a body of at most {limit} bytes")
@@ -132,7 +132,7 @@ async def read_body(
             while more:
                 message = await receive()
                 if message["type"] == "http.disconnect":
-                    raise Gone
+                    raise ClientGone
                 parts.append(message.get("body", b""))
                 size, more = size + len(parts[-1]), message.get("more_body", False)
                 if size > limit:
@@ -144,12 +144,12 @@ async def read_body(
     return b"".join(parts)
 
 
-class Gone(Exception):  # noqa: N818 - nothing is wrong
-    """The client has gone before its request was complete."""
+class ClientGone(Exception):  # noqa: N818 - nothing is wrong
+    """The client disconnected before its request was complete."""
 
 
-def replayed(body: bytes, receive: Receive) -> Receive:
-    """What an application receives of a request whose body was read."""
+def receive_again(body: bytes, receive: Receive) -> Receive:
+    """Receiver of a request whose body was read before."""
     given: Iterator[Message] = iter([{"type": "http.request", "body": body, "more_body": False}])
 
     async def again() -> Message:

@@ -12,7 +12,7 @@ from mercator_design.serve.database import database
 
 FILE = "sessions.sqlite"
 DAYS = 7
-"""Days after which a session ends."""
+"""Maximum duration of a session [days]."""
 MAX_SESSIONS = 100  # sessions of a token; the oldest end
 
 
@@ -33,7 +33,7 @@ class Sessions:
             self._db.close()
 
     def begin(self, token: str, until: datetime) -> str:
-        """Begin a session with a token, by its id, that expires; return the secret of the session.
+        """Begin a session with the token of an id; return the secret of the session.
 
         Raises:
             sqlite3.Error: It cannot be written.
@@ -51,7 +51,7 @@ class Sessions:
         return secret
 
     def token(self, secret: str) -> str | None:
-        """The id of the token with which a session was begun that has not ended.
+        """Id of the token of a session; None if the session has ended.
 
         Raises:
             sqlite3.Error: The file cannot be read.

@@ -27,9 +27,9 @@ from mercator_design.system.files import write_text
 
 FILE = "users.json"
 DAYS = 365
-"""Days until a token expires, unless said otherwise."""
+"""Default lifetime of a token [days]."""
 MAX_TOKENS = 20
-"""Tokens of a user that have not expired."""
+"""Maximum number of a user's tokens that have not expired."""
 
 _LETTERS = string.ascii_letters + string.digits
 _NAME = Pattern(r"[a-z0-9][a-z0-9._-]{0,31}", "a name of up to 32 of a-z, 0-9, '.', '_' and '-'")
@@ -38,9 +38,9 @@ _SECRET = 43  # letters and digits: 256 bits
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Who sends a request.
+    """Sender of a request.
 
-    is_admin: Whether it may see and change what is of others.
+    is_admin: Whether it may see and change the jobs and designs of others.
     """
 
     name: str
@@ -48,21 +48,21 @@ class User:
 
     @property
     def viewer(self) -> str | None:
-        """Whose own and shared jobs and designs it sees; None: those of all."""
+        """Name for queries of visible jobs and designs; None for an administrator, who sees all."""
         return None if self.is_admin else self.name
 
     def owns(self, owner: str) -> bool:
-        """Whether it may change what has an owner."""
+        """Whether it may change the jobs and designs of an owner."""
         return self.is_admin or owner == self.name
 
 
 LOCAL = User("local", is_admin=True)
-"""Whoever uses a service without users, which only this machine reaches."""
+"""User of a service without users, which only this machine reaches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who has shown a token, or a session that was begun with one."""
+    """User of a valid token, or of a session that was begun with one."""
 
     user: User
     token: str  # its id
@@ -71,7 +71,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Token:
-    """What the file has of a token."""
+    """A token in the file of users."""
 
     id: Annotated[str, Pattern(r"[A-Za-z0-9]{8}", "8 letters and digits")]
     digest: Annotated[str, Pattern(r"[0-9a-f]{64}", "64 hexadecimal digits")]
@@ -90,7 +90,7 @@ class Token:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Account:
-    """A user in the file. One whose tokens were revoked stays there, so nobody else gets the name and its jobs."""
+    """A user in the file. It stays there without tokens, so that nobody else gets its name and jobs."""
 
     name: Annotated[str, _NAME]
     is_admin: bool = False
@@ -136,7 +136,7 @@ class Users:
         return self._read().contents.users
 
     def has_token(self) -> bool:
-        """Whether anybody can log in."""
+        """Whether there is a valid token."""
         now = self._now()
         return any(not token.is_expired(now) for account in self.accounts() for token in account.tokens)
 
@@ -163,11 +163,11 @@ class Users:
             raise UserError(f"expected {_NAME.meaning}, found {excerpt(name)}")
         if name == LOCAL.name:
             raise UserError(f"{name}: expected another name: it is that of who uses a service without users")
-        with self._changing() as users:
+        with self._editing() as users:
             if name in users:
                 raise UserError(f"{name}: there is such a user; a further token: mdesign users token {name}")
             text, token = self._new_token(days)
-            users[name] = Account(name=name, is_admin=is_admin, created=_text(self._now()), tokens=(token,))
+            users[name] = Account(name=name, is_admin=is_admin, created=_time_text(self._now()), tokens=(token,))
         return text
 
     def add_token(self, name: str, *, days: float = DAYS) -> str:
@@ -178,7 +178,7 @@ class Users:
             ServiceError: As `accounts`.
             OSError: The file cannot be written.
         """
-        with self._changing() as users:
+        with self._editing() as users:
             if name not in users:
                 raise UserError(f"expected the name of a user, found {excerpt(name)}; mdesign users list lists them")
             kept = tuple(token for token in users[name].tokens if not token.is_expired(self._now()))
@@ -196,7 +196,7 @@ class Users:
             ServiceError: As `accounts`.
             OSError: The file cannot be written.
         """
-        with self._changing() as users:
+        with self._editing() as users:
             for name, account in users.items():
                 gone = tuple(one.id for one in account.tokens if what in (name, one.id))
                 if gone or what == name:
@@ -206,8 +206,8 @@ class Users:
         raise UserError(f"expected the name of a user or the id of a token, found {excerpt(what)}")
 
     @contextmanager
-    def _changing(self) -> Iterator[dict[str, Account]]:
-        """The users by name, whose changes are written at the end; other processes that change them wait."""
+    def _editing(self) -> Iterator[dict[str, Account]]:
+        """Users by name, to be changed; written at the end, under a lock."""
         self.file.parent.mkdir(parents=True, exist_ok=True)
         self.file.parent.chmod(0o700)
         lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -229,11 +229,11 @@ class Users:
     def _new_token(self, days: float) -> tuple[str, Token]:
         identity, now = _random(8), self._now()
         text = f"md_{identity}_{_random(_SECRET)}"
-        expires = _text(now + timedelta(days=days))
-        return text, Token(id=identity, digest=digest(text), created=_text(now), expires=expires)
+        expires = _time_text(now + timedelta(days=days))
+        return text, Token(id=identity, digest=digest(text), created=_time_text(now), expires=expires)
 
     def _read(self) -> _Reading:
-        """The file as it is now. After a mistake in it nobody is a user, and the mistake is raised each time."""
+        """The present contents of the file. A mistake in it is raised at each call."""
         try:
             found = self.file.stat()
             stamp = (found.st_mtime_ns, found.st_ino, found.st_size)
@@ -252,12 +252,12 @@ class Users:
 
 
 def id_of(token: str) -> str:
-    """The id of a token, which is no secret."""
+    """Public id of a token."""
     return token.split("_")[1]
 
 
 def digest(secret: str) -> str:
-    """The SHA-256 of a secret that is too long to guess."""
+    """SHA-256 digest of a random secret."""
     return hashlib.sha256(secret.encode(errors="surrogatepass")).hexdigest()
 
 
@@ -265,5 +265,5 @@ def _random(length: int) -> str:
     return "".join(secrets.choice(_LETTERS) for _ in range(length))
 
 
-def _text(time: datetime) -> str:
+def _time_text(time: datetime) -> str:
     return time.isoformat(timespec="seconds")

@@ -15,7 +15,7 @@ from mercator_design.show.text.columns import narrowed
 
 _PAGE = 500  # jobs of a request
 _DISPENSABLE = ("submitted", "owner", "mission", "message")
-"""Columns that are left out where there is too little space."""
+"""Columns to drop from a table that is too wide, in this order."""
 
 
 @click.group(invoke_without_command=True, epilog=EPILOG)

@@ -8,7 +8,7 @@ import click
 
 from mercator_design.command import FILE, print_message
 from mercator_design.errors import MercatorError
-from mercator_design.serve.accounts.entrance import Entrance, tls_of
+from mercator_design.serve.accounts.endpoint import Endpoint, tls_of
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.app import guarded
 from mercator_design.serve.cli.users import data_of
@@ -18,7 +18,7 @@ from mercator_design.serve.settings import load_settings
 from mercator_design.serve.workers.missions import warm_up
 
 _COMPILING = 1800.0
-"""Seconds in which also a small or busy machine has compiled the simulator."""
+"""Time limit of compiling the simulator, also on a small or busy machine [s]."""
 
 
 @click.command()
@@ -43,31 +43,31 @@ def serve(host: str, port: int, data: Path, certificate: Path | None, key: Path 
         raise click.UsageError("expected both --certificate and --key, found one of them")
     tls = None if certificate is None or key is None else tls_of(certificate, key)
     settings = load_settings(data)
-    entrance = Entrance(
+    endpoint = Endpoint(
         host=host,
         has_tls=tls is not None,
         is_behind_proxy=behind_proxy,
         names=settings.hosts,
         proxies=settings.proxies,
     )
-    entrance.check(Users(data))
+    endpoint.check(Users(data))
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     with listening(host, port) as listener, Service(data) as service:
         address = f"[{host}]" if ":" in host else host
-        scheme = "https" if entrance.has_tls else "http"
+        scheme = "https" if endpoint.has_tls else "http"
         print_message(f"Serving {data} at {scheme}://{address}:{listener.getsockname()[1]}/ (Ctrl-C stops)")
-        app = guarded(service, entrance)
+        app = guarded(service, endpoint)
 
         def stop() -> None:
             print_message("Stopping; the jobs go on when the service is started again")
             service.accounts.end_streams()
 
         Thread(target=_warm_up, args=[service], daemon=True).start()
-        run(app, listener, tls=tls, is_proxy=entrance.is_proxy, at_end=stop)
+        run(app, listener, tls=tls, is_proxy=endpoint.is_proxy, at_end=stop)
 
 
 def _warm_up(service: Service) -> None:
-    """Let a worker load and compile the simulator, before the first user waits for it."""
+    """Load and compile the simulator in a worker, before the first request needs it."""
     try:
         service.workers.run_within(_COMPILING, warm_up)
     except MercatorError as error:

@@ -1,4 +1,4 @@
-"""What the verbs that use a service share: its address, and the connection to it."""
+"""Shared parts of the verbs that use a service: options and connection."""
 
 import click
 
@@ -26,7 +26,7 @@ EPILOG = (
     "mercator_design of your configuration (on Linux ~/.config): a line for each service, with its address and the "
     "token; only you may read it (chmod 600)."
 )
-"""Where the token comes from: at the end of the help of each verb."""
+"""End of the help of each verb: the source of the token."""
 
 
 def connected(server: str) -> Connection:
@@ -37,6 +37,6 @@ def connected(server: str) -> Connection:
     """
     server = checked_address(server)
     connection = Connection(server, token_for(server))
-    if connection.sends_openly:
+    if connection.sends_token_unencrypted:
         warn(f"{server}: your token is not protected on the way there; use an https address")
     return connection

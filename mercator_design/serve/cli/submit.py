@@ -15,7 +15,7 @@ from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
-from mercator_design.serve.client.connection import Lost
+from mercator_design.serve.client.connection import ConnectionLost
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
 
 _TRIES = 3
@@ -78,7 +78,7 @@ def submit(
             try:
                 answer = connection.call("POST", "/jobs", json=body, headers=headers)
                 break
-            except Lost:
+            except ConnectionLost:
                 if not left:
                     raise
                 time.sleep(1.0)

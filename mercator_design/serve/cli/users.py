@@ -1,4 +1,4 @@
-"""mdesign users: who may use the design service."""
+"""mdesign users: adds, lists and revokes users of the design service."""
 
 import os
 from collections.abc import Callable
@@ -91,7 +91,7 @@ def revoke_tokens(what: str, data: Path) -> None:
 
 def _note(data: Path, what: str, *tokens: str) -> None:
     """Write a change, with the ids of its tokens, to the audit log of the service, which begins new files alone."""
-    log = audit.Audit(data / SERVICE / audit.FILE, lambda: datetime.now(UTC), size=0)
+    log = audit.AuditLog(data / SERVICE / audit.FILE, lambda: datetime.now(UTC), size=0)
     account = f"account {os.getuid()}"
     log.write(user="", address=account, what=f"mdesign users {what}: {', '.join(tokens)}", job="", answer=0)
     log.close()

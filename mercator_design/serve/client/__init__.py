@@ -1,1 +1,1 @@
-"""The client of a design service: what `mdesign submit`, `jobs`, `follow` and `fetch` share."""
+"""The client of a design service, of `mdesign submit`, `jobs`, `follow` and `fetch`."""

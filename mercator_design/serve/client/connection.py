@@ -16,32 +16,32 @@ from mercator_design.system.files import Unreadable, read_small
 from mercator_design.system.user_folders import user_folder
 
 SERVER = "http://127.0.0.1:8000"
-"""Where a service is by default."""
+"""Default address of a service."""
 SERVER_VARIABLE = "MERCATOR_DESIGN_SERVER"
 TOKEN_VARIABLE = "MERCATOR_DESIGN_TOKEN"  # noqa: S105 - a name
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _MAX_SIZE = 64 * 1024  # bytes of the file of tokens
 _MAX_ERROR = 64 * 1024  # bytes of an answer that is an error
 _TIMEOUT = httpx.Timeout(60.0, connect=10.0, read=260.0)
-"""Reading waits longer than work may wait for a worker of the service, and take there."""
+"""Time limits of requests [s]; that of reading is above the waiting and working time of a worker of the service."""
 
 
 class ClientError(MercatorError):
     """A service cannot be reached, or refuses a request.
 
     Attributes:
-        status: Of the answer that is the refusal; 0 without an answer.
+        status: Status of the answer; 0 without an answer.
     """
 
     status = 0
 
 
-class Lost(ClientError):  # noqa: N818 - says what has happened
+class ConnectionLost(ClientError):  # noqa: N818 - says what has happened
     """The connection was lost, or the service cannot answer now: a later try may succeed."""
 
 
 def token_file() -> Path | None:
-    """The user's file of tokens: a line for each service, with its address and the token; None without a home."""
+    """File with the user's tokens, a line for each service: address and token. None without a home folder."""
     folder = user_folder("config")
     return folder / "tokens" if folder else None
 
@@ -103,8 +103,8 @@ class Connection:
         self.http.close()
 
     @property
-    def sends_openly(self) -> bool:
-        """Whether the token can be read on the way."""
+    def sends_token_unencrypted(self) -> bool:
+        """Whether the token is sent without encryption."""
         parts = urlsplit(self.server)
         return "Authorization" in self.http.headers and parts.scheme == "http" and parts.hostname not in _LOOPBACK
 
@@ -133,7 +133,7 @@ class Connection:
 
         Raises:
             ClientError: The service refuses the request.
-            Lost: The service cannot be reached, or cannot answer now.
+            ConnectionLost: The service cannot be reached, or cannot answer now.
         """
         try:
             with self.http.stream(method, path, **given) as answer:
@@ -142,7 +142,9 @@ class Connection:
                 yield answer
         except httpx.HTTPError as error:
             what = str(error) or type(error).__name__
-            raise Lost(f"{self.server}: cannot be reached: {what}; a service is started by: mdesign serve") from None
+            raise ConnectionLost(
+                f"{self.server}: cannot be reached: {what}; a service is started by: mdesign serve"
+            ) from None
         except httpx.InvalidURL as error:
             raise ClientError(f"{self.server}: expected an address such as {SERVER}, found: {error}") from None
 
@@ -152,7 +154,7 @@ class Connection:
         if status == 401:
             or_file = f", or in a line of {file}" if (file := token_file()) else ""
             messages.append(f"give your token for {self.server} in {TOKEN_VARIABLE}{or_file}")
-        kind = Lost if status in (502, 503, 504) else ClientError
+        kind = ConnectionLost if status in (502, 503, 504) else ClientError
         refusal = kind(*messages)
         refusal.status = status
         if status == 422:  # what is not valid
@@ -178,7 +180,7 @@ def checked_address(server: str) -> str:
 
 
 def _messages(answer: httpx.Response) -> list[str]:
-    """What the service says is wrong."""
+    """Messages of an error of the service."""
     data: object = None
     with contextlib.suppress(ValueError, RecursionError, httpx.HTTPError):
         if len(answer.read()) <= _MAX_ERROR:

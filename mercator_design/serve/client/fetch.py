@@ -16,8 +16,8 @@ from mercator_design.system.files import sync_folder
 _MAX_FILES = 10_000
 
 
-def names_of(connection: Connection, job: str) -> list[str]:
-    """The files of a job's run folder; the journal comes last, so that it says no less than the others.
+def file_names(connection: Connection, job: str) -> list[str]:
+    """Names of the files of a job's run folder; the journal is last, so that it is not older than the others.
 
     Raises:
         ClientError: There is no such job, or its files cannot be written here.
@@ -57,7 +57,7 @@ def fetch_folder(connection: Connection, job: str, folder: Path) -> list[str]:
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ClientError(f"{folder}: expected a new or empty folder, found files in it")
-    names = names_of(connection, job)
+    names = file_names(connection, job)
     if not names:
         raise ClientError(f"{job}: has no files yet: its race has not begun")
     with _draft(folder) as draft:
@@ -71,7 +71,7 @@ def fetch_folder(connection: Connection, job: str, folder: Path) -> list[str]:
 
 @contextmanager
 def _draft(folder: Path) -> Iterator[Path]:
-    """A folder that gets its name when it is complete."""
+    """Temporary folder that gets its final name when it is complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{folder.name[:100]}-", dir=folder.parent))
     try:

@@ -14,19 +14,19 @@ from mercator_design.errors import RaceError, excerpt
 from mercator_design.race.elimination.summary import Progress
 from mercator_design.race.session.events import event_of
 from mercator_design.race.session.view import RaceView
-from mercator_design.serve.client.connection import ClientError, Connection, Lost
+from mercator_design.serve.client.connection import ClientError, Connection, ConnectionLost
 from mercator_design.serve.jobs.job import ENDED
 from mercator_design.show.text.progress import Mode, RaceDisplay
 
 STATE = "state"
-"""The kind of events that have the job itself."""
+"""Kind of the events that hold the job itself."""
 _SILENCE = 60.0
-"""Seconds without a word of the service after which the connection counts as lost; it sends something every 15 s."""
+"""Seconds of silence after which the connection counts as lost; the service sends something every 15 s."""
 _WAITS = (0.5, 1.0, 2.0, 5.0, 10.0)
-"""Seconds before the next tries."""
+"""Seconds before each retry."""
 
 _TOO_MANY = 429
-"""The status of the refusal when a user has as many event streams as there may be: one of them will end."""
+"""Status of the refusal of one event stream too many; worth a retry, because another one will end."""
 
 Sleep = Callable[[float], None]
 
@@ -42,8 +42,8 @@ class JobEvent(NamedTuple):
     data: dict[str, Any]
 
 
-class _Raced(NamedTuple):
-    """What a display needs to know of a race elsewhere."""
+class _RemoteRace(NamedTuple):
+    """A race of the service, as the display of progress needs it."""
 
     name: str
     maximise: bool
@@ -58,7 +58,7 @@ class _Raced(NamedTuple):
 def events_of(
     connection: Connection, job: str, *, announce: Callable[[str], None], sleep: Sleep = time.sleep
 ) -> Iterator[JobEvent]:
-    """The events of a job until it has ended: each event of its journal once, whatever happens to the connection.
+    """Events of a job until it has ended: each event of its journal once, also after lost connections.
 
     Raises:
         ClientError: There is no such job, or the service refuses to follow it.
@@ -72,7 +72,7 @@ def events_of(
                 if received.kind == STATE and received.data.get("state") in ENDED:
                     return
         except ClientError as lost:
-            if not isinstance(lost, Lost) and lost.status != _TOO_MANY:
+            if not isinstance(lost, ConnectionLost) and lost.status != _TOO_MANY:
                 raise
             if not is_announced:
                 announce(f"{lost.messages[0]}; trying again")
@@ -115,7 +115,7 @@ def follow(
     """
     now: dict[str, Any] = connection.call("GET", f"/jobs/{quote(job, safe='')}")
     try:
-        raced = _Raced(str(now["name"]), now["direction"] == "maximise")
+        raced = _RemoteRace(str(now["name"]), now["direction"] == "maximise")
         budget, known = int(now["budget"]), int(now["experiments"])
     except (KeyError, TypeError, ValueError):
         raise ClientError(f"{connection.server}: expected a job, found something else") from None
@@ -127,7 +127,7 @@ def follow(
             each(received)
             if received.kind == STATE:
                 now = received.data
-                if (words := _words(now)) != said and now.get("state") not in ENDED:
+                if (words := _state_text(now)) != said and now.get("state") not in ENDED:
                     announce(f"{job}: {words}")
                 said = words
             elif received.kind != "start":
@@ -140,13 +140,13 @@ def follow(
     return now
 
 
-def _words(job: dict[str, Any]) -> str:
+def _state_text(job: dict[str, Any]) -> str:
     """The state of a job, with its message."""
     return ": ".join(str(job[key]) for key in ("state", "message") if job.get(key))
 
 
 def result(job: dict[str, Any]) -> str:
-    """What a job that has ended has come to."""
+    """Result of a job that has ended, as text."""
     known = [(key, value) for key in ("best", "tested") if isinstance(value := job.get(key), float | int)]
     scores = "".join(f", {key} {value:.4g}" for key, value in known if math.isfinite(value))
-    return f"{job.get('id')}: {_words(job)}, {job.get('experiments')} of {job.get('budget')} experiments{scores}"
+    return f"{job.get('id')}: {_state_text(job)}, {job.get('experiments')} of {job.get('budget')} experiments{scores}"

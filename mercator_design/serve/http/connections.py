@@ -1,7 +1,7 @@
-"""Connections: how long each waits for its client, and which are closed when too many wait.
+"""Limits of connections that wait for their clients, in time and number.
 
-A connection waits while its client owes something: the handshake of TLS, a request, the rest of its body, or to read an
-answer. All others work for a user; the guard limits these.
+A connection waits for the handshake of TLS, a request, the rest of its body, or for a client that reads its answer. All
+other connections work for a user; the guard limits these.
 """
 
 import asyncio
@@ -13,30 +13,30 @@ from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
-from mercator_design.serve.accounts.entrance import network_of
+from mercator_design.serve.accounts.endpoint import network_of
 
 REQUEST_SECONDS = 20.0
-"""Seconds in which a handshake, and the headers of a request, have to come."""
+"""Time limit of a handshake, and of the headers of a request [s]."""
 READ_SECONDS = 30.0
-"""Seconds in which a client has to read something, when more of its answer waits than is kept for it."""
+"""Time limit of a client that does not read its answer [s]."""
 MAX_WAITING = 1000
-"""Connections that wait at a time."""
+"""Maximum number of waiting connections."""
 MAX_OF_ADDRESS = 400
-"""Of them, those of an address: thirty browsers that hold six each use less than half."""
+"""Maximum number of waiting connections of an address; thirty browsers with six each use less than half."""
 
-_Owed: TypeAlias = Literal["handshake", "request", "body", "reading", "nothing"]
+_Awaited: TypeAlias = Literal["handshake", "request", "body", "reading", "nothing"]
 
 
-class Waiting:
-    """The connections that wait for their clients, by address, in the order in which they began to.
+class WaitingConnections:
+    """Connections that wait for their clients, by address, the oldest first.
 
-    Of too many, one is closed: the one that has waited longest, of those of an address that has too many; else of the
-    address that has the most. So clients that are slow take the places of each other, and keep nobody out.
+    If an address has too many, its oldest is closed. If all together are too many, the oldest of the address with the
+    most is closed, so slow clients do not lock others out.
 
     Args:
-        limit: Their number.
-        of_address: The number of those of an address.
-        is_proxy: Whether an address is that of a proxy, which may have all of them.
+        limit: Maximum number of all.
+        of_address: Maximum number of an address.
+        is_proxy: Whether an address is that of a proxy, which only `limit` bounds.
     """
 
     def __init__(
@@ -46,29 +46,29 @@ class Waiting:
         is_proxy: Callable[[str], bool] = lambda _: False,
     ) -> None:
         self._limit, self._of_address, self._is_proxy = limit, of_address, is_proxy
-        self._groups: dict[str, dict[PatientProtocol, None]] = {}
+        self._groups: dict[str, dict[TimedProtocol, None]] = {}
         self._n = 0
 
     def __len__(self) -> int:
         return self._n
 
     def group_of(self, address: str) -> str:
-        """The group of an address; that of proxies has no name."""
+        """Name of the group of an address; empty for proxies."""
         return "" if self._is_proxy(address) else network_of(address)
 
-    def add(self, one: "PatientProtocol") -> None:
-        """Add a connection that begins to wait; close another one if there are too many."""
+    def add(self, one: "TimedProtocol") -> None:
+        """Add a waiting connection; close one if there are too many."""
         group = self._groups.setdefault(one.group, {})
         group[one] = None
         self._n += 1
         if len(group) > self._of_address and one.group:
-            next(iter(group)).give_up()
+            next(iter(group)).abort_connection()
         elif self._n > self._limit:
             fullest = max(self._groups, key=lambda name: len(self._groups[name]))
-            next(iter(self._groups[fullest])).give_up()
+            next(iter(self._groups[fullest])).abort_connection()
 
-    def discard(self, one: "PatientProtocol") -> None:
-        """Forget a connection that waits no longer, if it did."""
+    def discard(self, one: "TimedProtocol") -> None:
+        """Remove a connection, if it is there."""
         group = self._groups.get(one.group, {})
         if one in group:
             del group[one]
@@ -77,13 +77,13 @@ class Waiting:
             self._groups.pop(one.group, None)
 
 
-class PatientProtocol(H11Protocol):
-    """HTTP over a connection that counts from the first moment on, with TLS or without.
+class TimedProtocol(H11Protocol):
+    """HTTP with or without TLS, with time limits from the start of the connection.
 
     Args:
         waiting: All connections that wait.
-        tls: For TLS.
-        config, server_state, app_state, _loop: As its base has them.
+        tls: Context of TLS; None without TLS.
+        config, server_state, app_state, _loop: Arguments of the base class.
     """
 
     def __init__(
@@ -93,102 +93,104 @@ class PatientProtocol(H11Protocol):
         app_state: dict[str, Any],
         _loop: asyncio.AbstractEventLoop | None = None,
         *,
-        waiting: Waiting,
+        waiting: WaitingConnections,
         tls: ssl.SSLContext | None = None,
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
         self.group = ""  # among the connections that wait
         self._waiting, self._tls = waiting, tls
-        self._plain: asyncio.Transport | None = None  # the connection itself, below TLS; None once it is lost
-        self._early = b""  # data that came with the end of the handshake
-        self._owed: _Owed = "nothing"
+        self._raw_transport: asyncio.Transport | None = None  # the connection itself, below TLS; None once it is lost
+        self._early_data = b""  # data that came with the end of the handshake
+        self._awaited: _Awaited = "nothing"
         self._timer: asyncio.TimerHandle | None = None
-        self._securing: asyncio.Task[None] | None = None
+        self._handshake: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: Any) -> None:  # noqa: ANN401 - as its base
         """Wait for the handshake, or for the first request."""
-        self._plain = transport
+        self._raw_transport = transport
         peer = transport.get_extra_info("peername")
         self.group = self._waiting.group_of(str(peer[0])) if peer else ""
         if self._tls is not None:
-            self._securing = self.loop.create_task(self._secure(transport, self._tls))
+            self._handshake = self.loop.create_task(self._start_tls(transport, self._tls))
         else:
             super().connection_made(transport)
-        self._look()
+        self._update_waiting()
 
-    async def _secure(self, transport: asyncio.Transport, tls: ssl.SSLContext) -> None:
+    async def _start_tls(self, transport: asyncio.Transport, tls: ssl.SSLContext) -> None:
         try:
             secured = await self.loop.start_tls(transport, self, tls, server_side=True)
         except OSError:  # as errors of TLS are
             secured = None
-        if secured is None or self._plain is None:  # lost in the meantime
-            self._lose()
+        if secured is None or self._raw_transport is None:  # lost in the meantime
+            self._mark_lost()
             return
         super().connection_made(secured)
-        self._look()
-        if self._early:
-            self.data_received(self._early)
+        self._update_waiting()
+        if self._early_data:
+            self.data_received(self._early_data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no longer."""
-        self._lose()
+        """Stop waiting."""
+        self._mark_lost()
         if self.transport is not None:
             super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Look whether the request is complete."""
+        """Pass on data; check whether the request is complete."""
         if self.transport is None:
-            self._early += data
+            self._early_data += data
             return
         super().data_received(data)
-        self._look()
+        self._update_waiting()
 
     def on_response_complete(self) -> None:
-        """Wait for the next request; close the connection if it came before the answer, as in a flood."""
+        """Wait for the next request; close the connection if that came before the answer, as in a flood."""
         if self.conn.trailing_data[0]:
             self.transport.close()
         super().on_response_complete()
-        self._look()
+        self._update_waiting()
 
     def pause_writing(self) -> None:
         """Wait for the client to read."""
         super().pause_writing()
-        self._look()
+        self._update_waiting()
 
     def resume_writing(self) -> None:
-        """The client has read."""
+        """Stop waiting for the client to read."""
         super().resume_writing()
-        self._look()
+        self._update_waiting()
 
-    def give_up(self) -> None:
-        """Close the connection; what its client has not read is dropped."""
-        plain = self._plain
-        self._lose()
-        if plain is not None:
-            plain.abort()
+    def abort_connection(self) -> None:
+        """Close the connection without sending the rest of the answer."""
+        raw = self._raw_transport
+        self._mark_lost()
+        if raw is not None:
+            raw.abort()
 
-    def _lose(self) -> None:
-        self._plain = None
-        self._look()
+    def _mark_lost(self) -> None:
+        self._raw_transport = None
+        self._update_waiting()
 
-    def _look(self) -> None:
-        """Begin to wait if the client owes something else than before, or stop if it owes nothing."""
-        owed = self._now_owed()
-        if owed == self._owed:
+    def _update_waiting(self) -> None:
+        """Start or stop waiting, if something else is awaited than before."""
+        awaited = self._now_awaited()
+        if awaited == self._awaited:
             return
-        self._owed = owed
+        self._awaited = awaited
         self._waiting.discard(self)
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if owed == "nothing":
+        if awaited == "nothing":
             return
-        if owed != "body":  # the guard answers bodies that are late
-            self._timer = self.loop.call_later(READ_SECONDS if owed == "reading" else REQUEST_SECONDS, self.give_up)
+        if awaited != "body":  # the guard answers bodies that are late
+            self._timer = self.loop.call_later(
+                READ_SECONDS if awaited == "reading" else REQUEST_SECONDS, self.abort_connection
+            )
         self._waiting.add(self)
 
-    def _now_owed(self) -> _Owed:
-        if self._plain is None:
+    def _now_awaited(self) -> _Awaited:
+        if self._raw_transport is None:
             return "nothing"
         if self.transport is None:
             return "handshake"

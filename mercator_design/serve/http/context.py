@@ -1,4 +1,4 @@
-"""What the routes need of a request: the service, the user, the job that the user may see."""
+"""Dependencies of routes: the service, the user, and a job that the user may see."""
 
 from typing import Annotated
 
@@ -16,7 +16,7 @@ def _service(request: Request) -> Service:
 
 
 def _user(request: Request) -> User:
-    """The user, whom the guard has found; a request without one does not come here."""
+    """The user, as found by the guard."""
     return request.state.user  # type: ignore[no-any-return]
 
 
@@ -25,7 +25,7 @@ TheUser = Annotated[User, Depends(_user)]
 
 
 def may_see(user: User, row: IndexRow) -> bool:
-    """Whether a user may see a job: own, shared, of no user, or as an administrator."""
+    """Whether a user may see a job: an own or shared one, a run folder of no user, or any as an administrator."""
     return row.job.shared or not row.is_job or user.owns(row.job.owner)
 
 
@@ -50,10 +50,10 @@ def visible_job(
 VisibleJob = Annotated[IndexRow, Depends(visible_job)]
 
 
-def _own(user: TheUser, row: VisibleJob) -> IndexRow:
+def _changeable(user: TheUser, row: VisibleJob) -> IndexRow:
     if not may_change(user, row):
         raise NotAllowed(f"{row.id} is not yours: only its owner and administrators may change it")
     return row
 
 
-OwnJob = Annotated[IndexRow, Depends(_own)]
+OwnJob = Annotated[IndexRow, Depends(_changeable)]

@@ -27,15 +27,15 @@ router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 _log = logging.getLogger(__name__)
 
 PERIOD = 0.5
-"""Seconds between two looks at a journal."""
+"""Seconds between two reads of a journal."""
 _PAUSE = 0.01
-"""Seconds between two pieces of a journal, in which others are answered."""
+"""Pause between two pieces of a journal, in which other requests are answered [s]."""
 KEEPALIVE = 15.0
 """Seconds of silence after which a comment is sent, so that no proxy closes the connection."""
 _HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
 
 
-def _place(
+def _checked_place(
     service: TheService,
     row: VisibleJob,
     last: Annotated[str, Header(alias="Last-Event-ID", max_length=20, pattern=r"^\d*$")] = "",
@@ -43,7 +43,7 @@ def _place(
         int, Query(ge=0, lt=2**63, description="As Last-Event-ID, for clients that cannot send headers.")
     ] = 0,
 ) -> int:
-    """The place in the journal after which to begin."""
+    """Byte offset in the journal from which to send events."""
     place = int(last or after)
     try:
         check_place(service.store.run_folder(row.id) / JOURNAL, place)
@@ -58,7 +58,7 @@ def _place(
     responses={200: {"content": {"text/event-stream": {}}, "description": "Events until the job has ended."}},
 )
 async def follow(
-    service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_place)]
+    service: TheService, user: TheUser, row: VisibleJob, place: Annotated[int, Depends(_checked_place)]
 ) -> EventSourceResponse:
     """Follow a job until it has ended: server-sent events.
 
@@ -78,7 +78,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
             return
         try:
             while length_of(journal) > place and (lines := lines_from(journal, place)):
-                yield _piece(lines, place)
+                yield _events_text(lines, place)
                 place += len(lines)
                 await asyncio.sleep(_PAUSE)
         except ValueError as error:  # damaged; a client that comes back gets the problem
@@ -98,7 +98,7 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
 
 
 @lru_cache(maxsize=128)  # hundreds may follow the same race
-def _piece(lines: bytes, place: int) -> bytes:
+def _events_text(lines: bytes, place: int) -> bytes:
     """The text of the events in lines of a journal that begin at a place."""
     return _text(events_in(lines, place))
 

@@ -22,7 +22,7 @@ _PAGE_POLICY = (
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; frame-ancestors 'self'"
 )
-"""Pages of a run folder have scripts of their own: they run without the rights of our pages."""
+"""Content policy of the pages in run folders: their scripts run without the rights of the service's pages."""
 _KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png"}
 _CHUNK = 256 * 1024  # bytes that are sent at a time
 
@@ -53,11 +53,11 @@ def file(service: TheService, row: VisibleJob, name: Annotated[str, InPath(max_l
         "X-Content-Type-Options": "nosniff",
     }
     kind = _KINDS.get(path.suffix, "text/plain; charset=utf-8")
-    return StreamingResponse(_beginning(opened, length), headers=headers, media_type=kind)
+    return StreamingResponse(_first_bytes(opened, length), headers=headers, media_type=kind)
 
 
-def _beginning(file: BinaryIO, length: int) -> Iterator[bytes]:
-    """The first bytes of a file, which is closed then."""
+def _first_bytes(file: BinaryIO, length: int) -> Iterator[bytes]:
+    """First bytes of a file; closes it."""
     with file:
         file.seek(0)
         while length > 0 and (data := file.read(min(_CHUNK, length))):

@@ -19,9 +19,9 @@ Key = Annotated[str, Header(alias="Idempotency-Key", max_length=200, pattern=r"^
 def submit(service: TheService, user: TheUser, body: JobRequest, response: Response, key: Key = "") -> Submitted:
     """Submit a design job. With the same Idempotency-Key, the same job is returned, and none is added."""
     request = body.request()
-    if key and (row := service.index.submitted(user.name, key)) is not None:
+    if key and (row := service.index.find_by_key(user.name, key)) is not None:
         response.status_code = 200
-        return Submitted(job=JobAnswer.of(service.jobs.same(row, request)), warnings=[])
+        return Submitted(job=JobAnswer.of(service.jobs.resubmitted(row, request)), warnings=[])
     service.jobs.check_disk(user.name)
     checked = service.workers.run(check_request, request, service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, key)
@@ -71,7 +71,7 @@ def pause(service: TheService, row: OwnJob) -> JobAnswer:
 
 @router.post("/jobs/{id}/resume")
 def resume(service: TheService, row: OwnJob) -> JobAnswer:
-    """Let a job go on that was paused or has failed."""
+    """Resume a job that was paused or has failed."""
     return JobAnswer.of(service.jobs.resume(row.id))
 
 

@@ -1,4 +1,4 @@
-"""Routes on missions: the shipped ones, and what can be said of a mission before it is submitted."""
+"""Routes on missions: shipped missions, and checks, pictures and estimates before submission."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,8 +14,8 @@ from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
-from mercator_design.serve.http.given import mission_of_job
 from mercator_design.serve.http.problems import RESPONSES, Missing
+from mercator_design.serve.http.requested import mission_of_job
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import Job
@@ -50,11 +50,11 @@ class ShippedMission(BaseModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """How long a job will take, if nobody else uses the machine.
+    """Estimated time of a job on an otherwise idle machine.
 
-    cost: Of its race.
-    cores: Experiments of a race that run at the same time.
-    wait: What is before it.
+    cost: Cost of its race.
+    cores: Number of experiments of a race at the same time.
+    wait: Jobs before it, and the waiting time.
     """
 
     cost: Cost

@@ -22,15 +22,15 @@ _log = logging.getLogger(__name__)
 
 
 class Missing(MercatorError):  # noqa: N818 - an answer
-    """There is nothing of this name that the user may see."""
+    """Nothing of this name is visible to the user."""
 
 
 class NotAllowed(MercatorError):  # noqa: N818 - an answer
-    """The user may see it, but not do this."""
+    """The user may see it, but not change it."""
 
 
 class ProblemAnswer(BaseModel):
-    """What is wrong with a request."""
+    """Problem of a request."""
 
     title: str
     status: int
@@ -49,12 +49,12 @@ _STATUS: dict[type[MercatorError], tuple[int, str]] = {
     MercatorError: (422, "Not valid"),
 }
 _OUR_FAULT = "the service has made a mistake; its log says which"
-"""What users get: the rest may name folders of the server."""
+"""Message for users; the original one may name folders of the server."""
 RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"model": ProblemAnswer, "content": {"application/problem+json": {}}}
     for status in (400, 401, 403, 404, 405, 409, 413, 422, 429, 503, 507)
 }
-"""The answers of errors, for the document of the API."""
+"""Answers with errors, for the document of the API."""
 
 
 def report_problems(app: FastAPI, page: Callable[[Request, ProblemAnswer], Response]) -> None:
@@ -62,7 +62,7 @@ def report_problems(app: FastAPI, page: Callable[[Request, ProblemAnswer], Respo
 
     def answer(request: Request, error: Exception) -> Response:
         problem, headers = _problem(error)
-        problem.errors = list(map(request.app.state.service.store.without_place, problem.errors))
+        problem.errors = list(map(request.app.state.service.store.without_data_folder, problem.errors))
         if "text/html" in request.headers.get("accept", "") and not request.url.path.startswith("/api/"):
             return page(request, problem)
         return JSONResponse(problem.model_dump(), problem.status, headers, media_type="application/problem+json")
@@ -72,7 +72,7 @@ def report_problems(app: FastAPI, page: Callable[[Request, ProblemAnswer], Respo
 
 
 def _problem(error: Exception) -> tuple[ProblemAnswer, dict[str, str]]:
-    """What is wrong, and the headers of the answer."""
+    """Problem of an error, and headers of the answer."""
     headers: dict[str, str] = {}
     messages: Sequence[str]
     match error:

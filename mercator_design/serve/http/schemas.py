@@ -12,11 +12,11 @@ from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, 
 from mercator_design.serve.workers.sources import MissionSource
 
 MAX_TEXT = 262_144
-"""Characters of a mission or an FSM."""
+"""Maximum length of a mission or an FSM [characters]."""
 MAX_SEED = 2**53 - 1
 """The largest seed of a request: pages send it again, and JavaScript rounds larger numbers."""
 MAX_ID = 255
-"""Characters of an id: that of a run folder that is of no job is the folder's name."""
+"""Maximum length of an id [characters]; a run folder of no job has its name as id."""
 
 if TYPE_CHECKING:
     Flavour: TypeAlias = str
@@ -129,7 +129,7 @@ class JobAnswer(BaseModel):
 
     @classmethod
     def of(cls, row: IndexRow) -> "JobAnswer":
-        """The answer of a row of the index."""
+        """Answer for a row of the index."""
         known = asdict(row)
         known |= known.pop("job")
         known |= known.pop("request")

@@ -13,16 +13,16 @@ from anyio import to_thread
 from starlette.types import ASGIApp
 
 from mercator_design.serve.accounts.accounts import MAX_REQUESTS, MAX_STREAMS
-from mercator_design.serve.http.connections import MAX_WAITING, PatientProtocol, Waiting
+from mercator_design.serve.http.connections import MAX_WAITING, TimedProtocol, WaitingConnections
 from mercator_design.serve.settings import ServiceError
 from mercator_design.serve.workers.pool import MAX_WORK
 
 _LAST_SECONDS = 10
-"""Seconds for open answers when the service ends."""
+"""Time limit of open answers when the service ends [s]."""
 _OTHER_FILES = 200
-"""Files that the service opens beside its connections."""
+"""Number of open files other than connections."""
 _THREADS = 40 + MAX_WORK
-"""Threads that answer requests: beside those that wait for a worker process, some for all other requests."""
+"""Number of threads that answer requests: those that wait for a worker process, and 40 for all others."""
 _FILES = MAX_WAITING + MAX_REQUESTS + MAX_STREAMS + _OTHER_FILES
 
 _log = logging.getLogger(__name__)
@@ -56,29 +56,29 @@ def run(
         listener: The socket that listens.
         tls: For TLS.
         is_proxy: Whether an address is that of a proxy.
-        at_end: What is done first at the end.
+        at_end: Called first at the end.
     """
     _, limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(ValueError, OSError):  # not more than the system allows
         resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
     if limit != resource.RLIM_INFINITY and limit < _FILES:
         _log.warning("this process may open %d files: expected at least %d; see ulimit -n, LimitNOFILE", limit, _FILES)
-    Server(app, Waiting(is_proxy=is_proxy), tls, at_end).run([listener])
+    Server(app, WaitingConnections(is_proxy=is_proxy), tls, at_end).run([listener])
 
 
 class Server(uvicorn.Server):
-    """A server that waits neither for slow clients nor, at its end, for answers without an end."""
+    """Server with time limits for slow clients, and for open answers at its end."""
 
     def __init__(
         self,
         app: ASGIApp,
-        waiting: Waiting,
+        waiting: WaitingConnections,
         tls: ssl.SSLContext | None = None,
         at_end: Callable[[], None] = lambda: None,
     ) -> None:
         config = uvicorn.Config(
             app,
-            http=partial(PatientProtocol, waiting=waiting, tls=tls),  # type: ignore[arg-type]  # makes protocols
+            http=partial(TimedProtocol, waiting=waiting, tls=tls),  # type: ignore[arg-type]  # makes protocols
             ws="none",
             log_level="error",  # anybody could fill the log with warnings of odd requests
             access_log=False,

@@ -29,7 +29,7 @@ def readiness(service: TheService) -> PlainTextResponse:
     try:
         service.index.counts()
         service.accounts.users.accounts()
-        is_ready = service.supervisor.is_at_work
+        is_ready = service.supervisor.is_alive
     except (MercatorError, sqlite3.Error):
         is_ready = False
     return PlainTextResponse("ready\n") if is_ready else PlainTextResponse("not ready\n", 503)
@@ -42,7 +42,7 @@ def metrics(service: TheService) -> PlainTextResponse:
     answers = {str(status): number for status, number in sorted(service.accounts.answers.items()) if status}
     parts = [
         _metric("info", "gauge", "Version of the service.", {__version__: 1}, "version"),
-        _metric("ready", "gauge", "Whether jobs are looked after.", {"": int(service.supervisor.is_at_work)}),
+        _metric("ready", "gauge", "Whether jobs are looked after.", {"": int(service.supervisor.is_alive)}),
         _metric("jobs", "gauge", "Jobs by state.", {state: counts.get(state, 0) for state in STATES}, "state"),
         _metric("http_answers_total", "counter", "Answers by status.", answers, "status"),
         _metric("event_streams", "gauge", "Open event streams.", {"": service.accounts.streams.counts.total()}),
@@ -52,7 +52,7 @@ def metrics(service: TheService) -> PlainTextResponse:
 
 
 def _metric(name: str, kind: str, text: str, values: Mapping[str, float], label: str = "") -> Iterable[str]:
-    """The lines of a figure that has a value for each value of a label."""
+    """Lines of a metric with a value for each value of a label."""
     yield f"# HELP mercator_{name} {text}\n# TYPE mercator_{name} {kind}\n"
     for value, number in values.items():
         marks = f'{{{label}="{value}"}}' if label else ""

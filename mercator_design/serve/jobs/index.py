@@ -16,7 +16,7 @@ from mercator_design.serve.jobs.job import Job, RaceRequest, State
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndexRow:
-    """A job, or a run folder that is of no job, with what lists show of its race."""
+    """A job, or a run folder of no job, with the figures of its race that lists show."""
 
     job: Job  # as in its file, with the seconds until now; without an owner for a run folder that is of no job
     state: State
@@ -32,7 +32,7 @@ class IndexRow:
 
     @property
     def is_job(self) -> bool:
-        """Whether the service runs it; else its run folder was in the data folder."""
+        """Whether it is a job of this service; otherwise a run folder that was in the data folder."""
         return self.job.owner != ""
 
 
@@ -41,7 +41,7 @@ _COLUMNS = {
     "experiments": "experiments", "best": "best", "priority": "job.request.priority", "submitted": "job.submitted",
     "shared": "job.shared", "key": "job.key",
 }  # fmt: skip
-"""Columns that queries use -> attributes of a row; a further column has the whole row as JSON."""
+"""Columns of queries -> attributes of a row; one more column holds the whole row as JSON."""
 ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best", "priority")
 _values = attrgetter(*_COLUMNS.values())
 _VERSION = zlib.crc32(repr([[one.name for one in fields(kind)] for kind in (IndexRow, Job, RaceRequest)]).encode()) >> 1
@@ -81,7 +81,7 @@ class Index:
                 self._known.pop(one, None)
 
     def get(self, identity: str) -> IndexRow | None:
-        """A row; also for hundreds who ask several times a second."""
+        """A row, from memory if known: hundreds of event streams ask several times a second."""
         if (known := self._known.get(identity)) is not None:
             return known
         self._rows("WHERE id = ?", [identity])
@@ -106,16 +106,16 @@ class Index:
         return self._rows("", [])
 
     def of_no_job(self) -> list[IndexRow]:
-        """The rows of run folders that are of no job."""
+        """Rows of run folders of no job."""
         return self._rows("WHERE owner = ''", [])
 
     def set_queued_message(self, message: str) -> None:
-        """Set what all queued jobs wait for."""
+        """Set the message of all queued jobs."""
         with self._lock:
             self.put(*(replace(row, message=message) for row in self._rows("WHERE state = 'queued'", [])))
 
-    def submitted(self, owner: str, key: str) -> IndexRow | None:
-        """The job that a user has submitted with a key."""
+    def find_by_key(self, owner: str, key: str) -> IndexRow | None:
+        """A user's job with an idempotency key."""
         found = self._rows("WHERE owner = ? AND key = ?", [owner, key])
         return found[0] if found else None
 
@@ -141,9 +141,9 @@ class Index:
             text: Only with this text in the id or the name.
             shared: Only shared ones.
             order: One of ORDERS.
-            descending: Whether the last comes first.
+            descending: Whether the order is descending.
             limit: Maximum number of rows.
-            offset: Rows before the page.
+            offset: Number of rows before the page.
         """
         filters: list[tuple[bool, str, Sequence[object]]] = [
             (viewer is not None, "(owner = ? OR shared OR owner = '')", [viewer]),

@@ -10,14 +10,14 @@ from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 State: TypeAlias = Literal["queued", "running", "paused", "finished", "failed", "cancelled"]
 STATES: tuple[State, ...] = get_args(State)
 ENDED: tuple[State, ...] = ("finished", "failed", "cancelled")
-"""States in which nothing happens unless a user asks for it."""
+"""Final states, until a user resumes or extends the job."""
 MAX_BUDGET, MAX_TESTS, MAX_PRIORITY, MAX_SEED = 10**9, 10**6, 100, 2**63 - 1
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaceRequest:
-    """Request of a race, in the terms of `mdesign race`: the same value from a route of the API to the job."""
+    """Request of a race, in the terms of `mdesign race`; the same value from a route of the API to the job."""
 
     mission: str  # name of a shipped mission; empty: mission_text is one
     mission_text: str | None = None  # of a mission file; of a job's file, it is in a file beside it
@@ -45,7 +45,7 @@ class Job:
     wish: Wish = "run"
     failure: str = ""  # why it failed
     seconds: float = 0.0  # its races have run so far [s]
-    granted: float = 0.0  # `seconds` when a user let it go on: the time limit counts from there
+    limit_from: float = 0.0  # `seconds` when a user let it go on: the time limit counts from there
     ended: str = ""  # time at which it finished, failed or was cancelled
     shared: bool = False  # whether all users may see it
 

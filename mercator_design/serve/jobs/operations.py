@@ -1,4 +1,4 @@
-"""What users do with jobs: submit, pause, resume, cancel, extend, share, delete."""
+"""Operations of users on jobs: submit, pause, resume, cancel, extend, share, delete."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -18,11 +18,11 @@ _MB = 1_000_000
 
 
 class NotPossible(MercatorError):  # noqa: N818 - the user's request is at odds with the state of the job
-    """A job is not in a state in which this can be done."""
+    """The operation is not possible in the state of the job."""
 
 
 class LimitReached(MercatorError):  # noqa: N818 - nothing is wrong with the request
-    """A limit of the service does not allow it."""
+    """A limit of the service is reached."""
 
 
 class Operations:
@@ -40,9 +40,9 @@ class Operations:
             ServiceError: A value is not valid.
             OSError: It cannot be written.
         """
-        with self._supervisor.locked:
-            if key and (row := self._index.submitted(owner, key)) is not None:
-                return self.same(row, request)
+        with self._supervisor.lock:
+            if key and (row := self._index.find_by_key(owner, key)) is not None:
+                return self.resubmitted(row, request)
             self._check_budget(request.budget)
             self._check_budget(request.test_runs, "test_runs")
             self._check_number(owner)
@@ -56,8 +56,8 @@ class Operations:
         self._supervisor.wake()
         return row
 
-    def same(self, row: IndexRow, request: RaceRequest) -> IndexRow:
-        """The job that was submitted with a key that comes again.
+    def resubmitted(self, row: IndexRow, request: RaceRequest) -> IndexRow:
+        """The job of an idempotency key that is used again.
 
         Raises:
             NotPossible: It was for another request.
@@ -87,13 +87,13 @@ class Operations:
         return self._change(identity, "pause", _OPEN, lambda _: {"wish": "pause"})
 
     def resume(self, identity: str) -> IndexRow:
-        """Let a job go on that was paused or has failed.
+        """Resume a job that was paused or has failed.
 
         Raises:
             NotPossible: It has ended otherwise.
             LimitReached: see `Limits`.
         """
-        return self._change(identity, "resume", (*_OPEN, "failed"), _going_on, goes_on=True)
+        return self._change(identity, "resume", (*_OPEN, "failed"), _resumed, goes_on=True)
 
     def cancel(self, identity: str) -> IndexRow:
         """Stop a job for good; its results so far stay.
@@ -125,7 +125,7 @@ class Operations:
                 if budget <= request.budget:
                     raise NotPossible(f"{identity}: expected a budget above {request.budget}, found {budget}")
                 request = replace(request, budget=budget)
-                found |= _going_on(job)
+                found |= _resumed(job)
             return {"request": request, **found}
 
         if budget is None:
@@ -139,8 +139,8 @@ class Operations:
             NotPossible: It runs.
             OSError: It cannot be deleted.
         """
-        with self._supervisor.locked:
-            self._expect(identity, "delete", ("queued", "paused", "finished", "failed", "cancelled"))
+        with self._supervisor.lock:
+            self._row_in_state(identity, "delete", ("queued", "paused", "finished", "failed", "cancelled"))
             if is_locked(self._store.run_folder(identity) / JOURNAL):
                 raise NotPossible(f"{identity}: cannot delete it: another process runs its race")
             self._store.delete(identity)
@@ -165,13 +165,13 @@ class Operations:
             goes_on: Whether the job goes on; the limits of its user have to permit it.
         """
         if goes_on:  # before the lock: measuring folders would keep other changes waiting
-            self.check_disk(self._expect(identity, what, states).job.owner)
-        with self._supervisor.locked:
-            row = self._expect(identity, what, states)
+            self.check_disk(self._row_in_state(identity, what, states).job.owner)
+        with self._supervisor.lock:
+            row = self._row_in_state(identity, what, states)
             if goes_on and row.state not in _OPEN:
                 self._check_number(row.job.owner)
             self._store.update(identity, **changes(self._store.read(identity)))
-            changed = self._supervisor.note_change(identity)
+            changed = self._supervisor.refresh_from_file(identity)
         self._supervisor.wake()
         return changed or row
 
@@ -184,7 +184,7 @@ class Operations:
         if experiments > self._limits.budget:
             raise LimitReached(f"{key}: expected at most {self._limits.budget}, found {experiments}")
 
-    def _expect(self, identity: str, what: str, states: Collection[State]) -> IndexRow:
+    def _row_in_state(self, identity: str, what: str, states: Collection[State]) -> IndexRow:
         row = self._index.get(identity)
         if row is None or not row.is_job:
             raise NotPossible(f"{identity}: cannot {what} it: it is not a job of this service")
@@ -193,6 +193,6 @@ class Operations:
         return row
 
 
-def _going_on(job: Job) -> dict[str, Any]:
-    """The changes of a job that a user lets go on."""
-    return {"wish": "run", "failure": "", "ended": "", "granted": job.seconds}
+def _resumed(job: Job) -> dict[str, Any]:
+    """Changed fields of a resumed job."""
+    return {"wish": "run", "failure": "", "ended": "", "limit_from": job.seconds}

@@ -32,12 +32,12 @@ class RaceProcess(subprocess.Popen[bytes]):
 
 
 class Launcher:
-    """Starts the processes of races.
+    """Starter of the processes of races.
 
     Args:
         store: The jobs.
-        settings: Of the service.
-        cores: Experiments of a race that run at the same time.
+        settings: Settings of the service.
+        cores: Number of experiments of a race at the same time.
     """
 
     def __init__(self, store: Store, settings: ServiceSettings, cores: int) -> None:

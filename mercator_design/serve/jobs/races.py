@@ -1,4 +1,4 @@
-"""What a run folder says of its race: its facts for lists, and its events for those who follow it."""
+"""The race in a run folder: its state for lists, and its events for event streams."""
 
 import os
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ from mercator_design.results.files import JOURNAL, TASKS, read_provenance
 
 _EVENT, _AFTER = b'{"event":"', b',"after":"'  # at the ends of a line
 CHUNK = 64 * 1024
-"""Bytes that are read at a time."""
+"""Size of a read [bytes]."""
 
 
 class RaceStatus:
-    """How a race stands that may be running, by its run folder; `read_on` reads what is new."""
+    """State of a race, which may be running, from its run folder; `read_on` reads new events."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self._reading = folder, Reading(folder / JOURNAL)
@@ -35,7 +35,7 @@ class RaceStatus:
 
     @property
     def view(self) -> RaceView:
-        """How the race stands as of the last reading."""
+        """State of the race at the last reading."""
         return self._reading.record.view
 
     def is_finished(self, budget: int) -> bool:
@@ -53,8 +53,8 @@ class RaceStatus:
 class JournalEvent(NamedTuple):
     """An event of a journal.
 
-    place: The number of bytes of the journal until its end: whoever has read it goes on there.
-    kind: Its word, such as "experiment".
+    place: Byte offset of its end in the journal, from which to read on.
+    kind: Kind, such as "experiment".
     data: The event as JSON, as `mdesign race --json-lines` prints it.
     """
 
@@ -64,7 +64,7 @@ class JournalEvent(NamedTuple):
 
 
 def check_place(journal: Path, place: int) -> None:
-    """Check that an event of a journal ends at a place, or that it is the beginning.
+    """Check that a byte offset in a journal is 0 or the end of an event.
 
     Raises:
         ValueError: It is not.

@@ -1,4 +1,4 @@
-"""Rows of lists, made of the file of a job and of its run folder."""
+"""Rows of the index, from the file of a job and its run folder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,7 @@ _STATES: dict[str, State] = {"running": "running", "finished": "finished", "stop
 
 
 def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> IndexRow:
-    """The row of a job, by the last reading of its race, and with what is wrong with its run folder."""
+    """Row of a job, with the last reading of its race, and the problem of its run folder."""
     state = state_of(job, is_finished=status.is_finished(job.request.budget), is_running=is_running)
     if problem and state == "queued":
         state = "failed"
@@ -32,20 +32,20 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
 
 
 def figures_of(status: RaceStatus) -> dict[str, Any]:
-    """The figures of a row, by the last reading of its race."""
+    """Figures of a row, from the last reading of its race."""
     view = status.view
     return {"experiments": view.n_experiments, "best": view.best_score, "tested": view.tested_score}
 
 
 def changed_row(row: IndexRow, job: Job, *, is_running: bool) -> IndexRow:
-    """The row of a job whose file was changed; its race is as it was."""
+    """Row of a job whose file was changed, and whose race was not."""
     is_finished = row.state == "finished" and row.job.request.budget >= job.request.budget
     state = state_of(job, is_finished=is_finished, is_running=is_running)
     return replace(row, job=job, state=state, message="" if state == "finished" else job.failure)
 
 
 def row_of_folder(folder: Path, reading: Reading) -> IndexRow | None:
-    """The row of a run folder that is of no job, whose journal is read on; None if no race has begun there."""
+    """Row of a run folder of no job, after reading on in its journal; None if no race has begun there."""
     try:
         read_journal(folder, reading)
     except RaceError as error:
@@ -81,7 +81,7 @@ def _job_of_folder(
 
 
 def _direction(folder: Path) -> str:
-    """Whether the scores of a run folder are maximised, by its mission; others are costs."""
+    """Direction of the scores of a run folder, from its mission; "minimise" without a mission."""
     try:
         mission = yaml.load(read_small(folder / "mission.yaml", _MAX_SIZE), Loader=LOADER)  # noqa: S506 - a safe loader
         return "maximise" if mission["objective"]["direction"] == "maximise" else "minimise"

@@ -1,4 +1,4 @@
-"""The process of a job: runs `mdesign`, and stops when the service has gone, whatever has ended it.
+"""The process of a job: runs `mdesign`, and stops when the service has ended for any reason.
 
 Its standard input is a pipe from the service. When the service ends, the pipe is closed: the race stops when its
 running experiments have finished, and can be resumed.
@@ -13,9 +13,9 @@ import time
 from mercator_design.system.shortage import die_first
 
 _NICE = 10
-"""Races leave the processor to the service, which answers at once."""
+"""Niceness of races, so that the service answers at once."""
 _GRACE = 60.0
-"""Seconds for the running experiments to finish."""
+"""Time limit of the running experiments at the end of the service [s]."""
 
 
 def _stop_with_service() -> None:

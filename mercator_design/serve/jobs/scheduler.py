@@ -1,4 +1,4 @@
-"""Which queued job runs next, and how long a new one will wait: users take turns, whatever they submit."""
+"""The scheduler: the next job to run, and the waiting time of a new one. Users take turns."""
 
 import heapq
 from collections import Counter
@@ -9,7 +9,7 @@ from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.turns import next_user
 
 _MAX_JOBS = 200
-"""Jobs that are run through; those behind them begin at the same time as the last of these."""
+"""Maximum number of simulated starts; later jobs get the waiting time of the last one."""
 
 
 def next_job(
@@ -23,8 +23,8 @@ def next_job(
     Args:
         queued: Jobs that can run, in the order of their submission.
         running: Jobs that run.
-        served: A number for each user whose job was started; it is higher for a later one.
-        max_running: Number of jobs of a user that may run at the same time.
+        served: Number of the last turn, by user.
+        max_running: Maximum number of running jobs of a user.
     """
     owner = next_user((row.job.owner for row in queued), Counter(row.job.owner for row in running), served, max_running)
     return max(
@@ -34,11 +34,11 @@ def next_job(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wait:
-    """What is before a new job.
+    """Jobs before a new job, and its waiting time.
 
-    running: Jobs that run now.
-    queued: Jobs that begin before it.
-    seconds: Until it begins.
+    running: Number of running jobs.
+    queued: Number of jobs that begin before it.
+    seconds: Time until it begins [s].
     """
 
     running: int
@@ -55,15 +55,15 @@ def wait_of(
     races: int,
     max_running: int,
 ) -> Wait:
-    """What is before a new job, if nobody submits or stops another one.
+    """Jobs before a new job, if nobody submits or stops another one.
 
     Args:
         new: The job.
         queued: Jobs that wait, in the order of their submission.
         running: Jobs that run.
         seconds: The time that a job still takes [s].
-        races: Jobs that run at the same time.
-        max_running: Jobs of a user that may run at the same time.
+        races: Maximum number of running jobs.
+        max_running: Maximum number of running jobs of a user.
     """
     waiting, now, begun = [*queued, new], 0.0, 0
     served = {row.job.owner: -1 for row in queued}
@@ -87,11 +87,11 @@ def wait_of(
 
 
 def remaining_seconds(row: IndexRow, usual: float) -> float:
-    """The time that a job still takes [s].
+    """Estimated remaining time of a job [s].
 
     Args:
         row: The job.
-        usual: Seconds that an experiment takes, for a job that has run too few to know.
+        usual: Time of an experiment, for a job that has run too few of them [s].
     """
     if row.left is not None:
         return row.left

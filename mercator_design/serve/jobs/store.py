@@ -1,4 +1,4 @@
-"""The data folder: run folders, and the file of each job. They are the truth; the index only finds them quickly.
+"""The data folder: run folders, and the file of each job. The index can be made again from them.
 
 DATA/ID/                     the run folder of a job, as `mdesign race -o` writes it; or one that was there before
 DATA/.service/jobs/ID/       job.json, mission.yaml if the user sent a text, and output.txt, the messages of its race
@@ -76,8 +76,8 @@ class Store(Records[Job]):
             if name.isprintable() and not name.startswith(".") and not self.folder(name).exists():
                 yield journal.parent
 
-    def without_place(self, text: str) -> str:
-        """A text, or HTML, for users: it does not say where the data folder is."""
+    def without_data_folder(self, text: str) -> str:
+        """A text, or HTML, without the path of the data folder."""
         for folder in {str(self.data.absolute()), str(self.data.resolve())}:
             text = text.replace(f"{folder}/", "").replace(f"{escape(folder)}/", "")
         return text

@@ -1,6 +1,6 @@
-"""Runs the races of jobs: starts them in turn, follows, pauses and ends them; and starts them again after a crash.
+"""The supervisor of races: starts, follows, pauses and ends their processes, and starts them again after a crash.
 
-All that a job is follows from its file and its run folder, so the service may be killed at any time.
+The state of a job follows from its file and its run folder, so the service may be killed at any time.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.rows import changed_row, figures_of, row_of_folder, row_of_job
-from mercator_design.serve.jobs.running import NO_SPACE, Running
+from mercator_design.serve.jobs.running_race import NO_SPACE, RunningRace
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
 from mercator_design.serve.settings import ServiceError, ServiceSettings
@@ -30,22 +30,22 @@ from mercator_design.serve.settings import ServiceError, ServiceSettings
 _log = logging.getLogger(__name__)
 
 _PERIOD = 0.25
-"""Seconds between two looks at the processes."""
-_READ = 1.0
-"""Seconds between two looks at the journal of a race, for its row."""
-_KEEP = 60.0
-"""Seconds of a race after which its job's file is written again: after a crash, the time limit knows of the others."""
+"""Seconds between two rounds."""
+_READ_PERIOD = 1.0
+"""Seconds between two reads of a race's journal."""
+_SAVE_PERIOD = 60.0
+"""Seconds between two saves of a job's run time."""
 _GRACE = 30.0
-"""Seconds after which a process that was asked to stop is killed."""
+"""Time limit of a process after SIGTERM [s]; then it is killed."""
 _RETRY = 5.0
-"""Seconds that a job waits at least."""
+"""Minimum waiting time before a retry [s]."""
 _OTHERS = 3.0
 """Seconds between two looks at run folders that processes of others may run."""
 _MB = 1_000_000
 
 
 class _FolderState(NamedTuple):
-    """What shows that the race of a run folder goes on."""
+    """State of a run folder's journal; it changes while the race goes on."""
 
     inode: int  # of the journal
     length: int
@@ -53,7 +53,7 @@ class _FolderState(NamedTuple):
 
 
 class Supervisor:
-    """Runs the races of jobs in processes, and keeps their rows up to date."""
+    """Supervisor of the processes of races; keeps the index up to date."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Supervisor:
         self._store, self._index, self._settings = store, index, settings
         self._launch, self._clock = launch, clock
         self._free = free or (lambda: shutil.disk_usage(store.data).free)
-        self._runs: dict[str, Running] = {}
+        self._runs: dict[str, RunningRace] = {}
         self._held: dict[str, tuple[str, float]] = {}  # jobs that wait: for what, and until when at least
         self._deaths: dict[str, tuple[int, int]] = {}  # by job: deaths without progress, experiments at the last one
         self._served: dict[str, int] = {}
@@ -76,21 +76,21 @@ class Supervisor:
         self._others: dict[str, tuple[_FolderState, Reading | None]] = {}
         self._followed: dict[str, RaceStatus] = {}  # jobs that processes of others run
         self._looked = -math.inf  # when the run folders of others were looked at
-        self._is_short = False
+        self._is_disk_low = False
         self._problems: dict[str, str] = {}  # that are logged already
-        self.locked = threading.RLock()  # for all changes of jobs
+        self.lock = threading.RLock()  # for all changes of jobs
         self._wake = threading.Event()
         self._is_stopping = False
         self._thread: threading.Thread | None = None
 
     @property
     def shortage(self) -> str:
-        """What all jobs wait for; empty if they can run."""
-        return f"waits until {self._settings.limits.free_disk} MB are free on the disk" if self._is_short else ""
+        """Reason for which all jobs wait; empty if they can run."""
+        return f"waits until {self._settings.limits.free_disk} MB are free on the disk" if self._is_disk_low else ""
 
     @property
-    def is_at_work(self) -> bool:
-        """Whether it looks after the jobs."""
+    def is_alive(self) -> bool:
+        """Whether its thread works."""
         return self._thread is not None and self._thread.is_alive() and not self._is_stopping
 
     def start(self) -> None:
@@ -107,25 +107,25 @@ class Supervisor:
             self._thread.join()
 
     def wake(self) -> None:
-        """Look at the jobs now: something has changed."""
+        """Start a round now."""
         self._wake.set()
 
     def reconcile(self) -> None:
         """Make the index agree with the data folder: new, changed and vanished jobs and run folders."""
-        with self.locked:
+        with self.lock:
             known = {row.id: row for row in self._index.all() if row.is_job}
             ids = self._store.ids()
             self._index.remove(*(known.keys() - {*ids}))
             for identity in ids:
-                with self._going_on(identity):
+                with self._logging_errors(identity):
                     row = known.get(identity)
                     if row is None or row.state not in ENDED or row.job != self._store.read(identity):
                         self.refresh(identity)
             self._look_at_others()
 
     def refresh(self, identity: str) -> IndexRow | None:
-        """Make the row of a job agree with its files; None if it is gone."""
-        with self.locked:
+        """Update the row of a job from its files; None if the job was deleted."""
+        with self.lock:
             if not self._store.file(identity).exists():
                 self._index.remove(identity)
                 return None
@@ -138,24 +138,24 @@ class Supervisor:
             try:
                 status.read_on()
             except RaceError as error:
-                problem = self._store.without_place(error.messages[0])
+                problem = self._store.without_data_folder(error.messages[0])
             is_running = run is not None or is_locked(folder / JOURNAL)
             if run is None and is_running and not problem:
                 self._followed[identity] = status
-            return self._put(row_of_job(job, status, problem, is_running=is_running), job)
+            return self._put_row(row_of_job(job, status, problem, is_running=is_running), job)
 
-    def note_change(self, identity: str) -> IndexRow | None:
-        """Make the row of a job agree with its file, which was changed; its journal, which may be long, is not read."""
-        with self.locked:
+    def refresh_from_file(self, identity: str) -> IndexRow | None:
+        """Update the row of a job from its changed file, without reading the journal, which may be long."""
+        with self.lock:
             row, run = self._index.get(identity), self._runs.get(identity)
             if row is None or (row.state == "running" and run is None):
                 return self.refresh(identity)
             is_running = run is not None or is_locked(self._store.run_folder(identity) / JOURNAL)
             job = self._store.read(identity)
-            return self._put(changed_row(row, job, is_running=is_running), job)
+            return self._put_row(changed_row(row, job, is_running=is_running), job)
 
-    def _put(self, row: IndexRow, job: Job) -> IndexRow:
-        """Note the row of a job, with what is known of it beyond its files."""
+    def _put_row(self, row: IndexRow, job: Job) -> IndexRow:
+        """Put the row of a job into the index, with the state of its process."""
         if (run := self._runs.get(job.id)) is not None:
             run.job = job
             clock = self._clock()
@@ -176,8 +176,8 @@ class Supervisor:
         return row
 
     @contextlib.contextmanager
-    def _going_on(self, identity: str) -> Iterator[None]:
-        """Log what goes wrong with a job, once, and go on with the others; it is tried again."""
+    def _logging_errors(self, identity: str) -> Iterator[None]:
+        """Log an error of a job once, and suppress it; the next round tries again."""
         try:
             yield
         except (OSError, MercatorError, sqlite3.Error, KeyError) as error:  # for example, the disk is full
@@ -192,22 +192,22 @@ class Supervisor:
             self._wake.wait(_PERIOD)
             self._wake.clear()
             try:
-                with self._going_on("*"):
+                with self._logging_errors("*"):
                     self.tick()
             except Exception:  # noqa: BLE001 - a fault of this program: what runs must still be followed and stopped
                 _log.exception("jobs")
                 time.sleep(_PERIOD)
 
     def tick(self) -> None:
-        """One round: look at what runs, and start what can."""
-        with self.locked:
-            self._note_space()
+        """One round: follow running races, and start queued ones."""
+        with self.lock:
+            self._check_space()
             for run in [*self._runs.values()]:
-                with self._going_on(run.job.id):
-                    self._look_at(run)
+                with self._logging_errors(run.job.id):
+                    self._follow(run)
             if self._is_stopping:
                 return
-            if not self._is_short:
+            if not self._is_disk_low:
                 for identity in [one for one, (_, until) in self._held.items() if self._clock() >= until]:
                     del self._held[identity]
                     self.refresh(identity)
@@ -215,46 +215,46 @@ class Supervisor:
             if self._clock() - self._looked >= _OTHERS:
                 self._look_at_others()
 
-    def _note_space(self) -> None:
-        with self._going_on("free space"):
-            before, self._is_short = self._is_short, self._free() < self._settings.limits.free_disk * _MB
-            if before != self._is_short:
+    def _check_space(self) -> None:
+        with self._logging_errors("free space"):
+            before, self._is_disk_low = self._is_disk_low, self._free() < self._settings.limits.free_disk * _MB
+            if before != self._is_disk_low:
                 self._index.set_queued_message(self.shortage)
 
-    def _look_at(self, run: Running) -> None:
+    def _follow(self, run: RunningRace) -> None:
         clock = self._clock()
         if (code := run.process.poll()) is not None:
-            self._end(run, code)
+            self._finish(run, code)
             return
         if self._is_stopping:
             run.stop("service", clock)
-        elif self._is_short:
+        elif self._is_disk_low:
             run.stop("disk", clock)
         if run.stopped_for and clock - run.stopped_at > _GRACE:
             run.process.kill()
         job = self._job_of(run)
         if job.wish != "run":
             run.stop("wish", clock)
-        elif run.seconds(clock) - job.granted > self._settings.limits.hours * 3600:
+        elif run.seconds(clock) - job.limit_from > self._settings.limits.hours * 3600:
             run.stop("time", clock)
-        if clock - run.read_at >= _READ:
+        if clock - run.read_at >= _READ_PERIOD:
             run.read_at = clock
             self._note_progress(run, clock)
 
-    def _job_of(self, run: Running) -> Job:
-        """The job of a race that runs; as it was, if its file was damaged since."""
+    def _job_of(self, run: RunningRace) -> Job:
+        """The job of a running race; the last known one if its file is damaged."""
         with contextlib.suppress(ServiceError):
             run.job = self._store.read(run.job.id)
         return run.job
 
-    def _note_progress(self, run: Running, clock: float) -> None:
+    def _note_progress(self, run: RunningRace, clock: float) -> None:
         run.read_on()
         found = figures_of(run.status)
         self._index.change(run.job.id, job=run.job_at(clock), left=run.left(clock), message=run.message, **found)
-        if clock - run.unsaved_since >= _KEEP:
+        if clock - run.unsaved_since >= _SAVE_PERIOD:
             run.job, run.unsaved_since = self._store.update(run.job.id, seconds=run.seconds(clock)), clock
 
-    def _end(self, run: Running, code: int) -> None:
+    def _finish(self, run: RunningRace, code: int) -> None:
         identity = run.job.id
         job = self._job_of(run)
         run.status = RaceStatus(run.status.folder)
@@ -262,7 +262,7 @@ class Supervisor:
         is_finished = run.status.is_finished(job.request.budget) and not run.is_interrupted(code)
         has_died = code < 0 and not run.stopped_for  # else this service has killed it
         deaths = self._deaths_of(run) if has_died else (0, -1)
-        held = "" if is_finished else run.wait(code, self.shortage)
+        held = "" if is_finished else run.reason_to_wait(code, self.shortage)
         failure = "" if is_finished or held else run.failure(code, deaths[0], self._settings.limits.hours)
         ended = now() if is_finished or failure or job.wish == "cancel" else ""
         try:
@@ -282,8 +282,8 @@ class Supervisor:
         row = self.refresh(identity)
         _log.info("job %s: %s (its process ended with code %d)", identity, row.state if row else "gone", code)
 
-    def _deaths_of(self, run: Running) -> tuple[int, int]:
-        """The deaths of a job's processes without progress, with the last one, and the experiments at that time."""
+    def _deaths_of(self, run: RunningRace) -> tuple[int, int]:
+        """Number of deaths of a job's processes without progress, and of its experiments at the last one."""
         done = run.status.view.n_experiments
         deaths, before = self._deaths.get(run.job.id, (0, -1))
         return (deaths + 1 if done == before else 1), done
@@ -295,7 +295,7 @@ class Supervisor:
         self._index.remove(*(row.id for row in self._index.of_no_job() if row.id not in found))
         self._others = {name: one for name, one in self._others.items() if name in found}
         for name, path in found.items():
-            with self._going_on(name):
+            with self._logging_errors(name):
                 journal = path / JOURNAL
                 file = journal.stat()
                 state = _FolderState(file.st_ino, file.st_size, is_locked(journal))
@@ -305,7 +305,7 @@ class Supervisor:
                 if reading is None or before is None or before.inode != state.inode or state.length < reading.length:
                     reading = Reading(journal)
                 if (row := row_of_folder(path, reading)) is not None:
-                    self._index.put(replace(row, message=self._store.without_place(row.message)))
+                    self._index.put(replace(row, message=self._store.without_data_folder(row.message)))
                 is_running = row is not None and row.state == "running"
                 self._others[name] = state, reading if is_running else None
         rows, _ = self._index.find(None, states=("running",), limit=-1)
@@ -319,11 +319,11 @@ class Supervisor:
             rows, _ = self._index.find(None, states=("queued",), descending=False, limit=-1)
             running = [row for row in map(self._index.get, self._runs) if row is not None]
             row = next_job(rows, running, self._served, limits.running)
-            if row is None or not self._begin(row.id):
+            if row is None or not self._start_job(row.id):
                 return
 
-    def _begin(self, identity: str) -> bool:
-        """Start the process of a queued job; return whether another one may be looked for."""
+    def _start_job(self, identity: str) -> bool:
+        """Start the process of a queued job; return whether to look for another job."""
         row = self.refresh(identity)
         if row is None or row.state != "queued":  # for example, another process runs it, or its file is damaged
             return True
@@ -336,7 +336,7 @@ class Supervisor:
             self.refresh(identity)
             return False
         self._served[job.owner] = max(self._served.values(), default=-1) + 1
-        self._runs[identity] = Running(
+        self._runs[identity] = RunningRace(
             job=job,
             process=process,
             status=RaceStatus(self._store.run_folder(identity)),

@@ -1,1 +1,1 @@
-"""The pages of the service. They are made here, work without another server, and have no script in their text."""
+"""The pages of the service. They load nothing from other servers, and have no inline scripts."""

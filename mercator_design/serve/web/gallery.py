@@ -32,8 +32,8 @@ def gallery(
     saved = service.designs.find(user.name, owner=whose, text=text)[:_MAX_SHOWN]
     rows, _ = service.index.find(user.name, states=("finished",), owner=whose, text=text, limit=_MAX_SHOWN)
     cards = [
-        *((one.created, _of_design(one, user)) for one in saved),
-        *((row.job.ended or row.job.submitted, _of_job(row)) for row in rows),
+        *((one.created, _design_card(one, user)) for one in saved),
+        *((row.job.ended or row.job.submitted, _job_card(row)) for row in rows),
     ]
     cards.sort(key=lambda card: card[0], reverse=True)
     checked = " checked" if own else ""
@@ -56,7 +56,7 @@ def gallery(
     )
 
 
-def _of_design(one: Design, user: User) -> Html:
+def _design_card(one: Design, user: User) -> Html:
     score = None if one.mean is None else f"{number(one.mean)} (mean of {len(one.scores)} instances, {one.direction})"
     facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", one.created[:10])]
     mine = ""
@@ -70,7 +70,7 @@ def _of_design(one: Design, user: User) -> Html:
     return _card("design", one.id, one.name, facts, fetch, f"{mine}<span class='problem' role='alert'></span>")
 
 
-def _of_job(row: IndexRow) -> Html:
+def _job_card(row: IndexRow) -> Html:
     best = row.best if row.tested is None else row.tested
     where = "in its race" if row.tested is None else "in its tests"
     score = None if best is None else f"{number(best)} (mean {where}, {row.job.direction})"

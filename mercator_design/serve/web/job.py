@@ -1,4 +1,4 @@
-"""The page of a job: its race while it runs, its winner, its files, what can be done with it."""
+"""The page of a job: its race, winner, files and actions."""
 
 import json
 from collections.abc import Callable
@@ -36,7 +36,7 @@ from mercator_design.serve.web.job_parts import (
 )  # fmt: skip
 from mercator_design.serve.web.layout import fragment, page
 from mercator_design.serve.web.part_cache import PartCache
-from mercator_design.serve.workers.races import Part, about_part, race_part
+from mercator_design.serve.workers.races import PagePart, about_part, race_part
 from mercator_design.show.charts import number
 from mercator_design.show.markup import escaped, escaped_lines
 from mercator_design.show.report.markup import Html, facts_list, folded, section
@@ -47,14 +47,14 @@ router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 _SECONDS = 15  # between two refreshes without an event
 _READING = '<p class="faint">Reading the race …</p>'
 _FIRST = (FSM, "report.html", "results.csv", "journal.jsonl", "mission.yaml")
-"""Files that most users look for."""
+"""Files that are listed first."""
 
 
-def _kept(request: Request) -> PartCache:
-    return request.app.state.kept  # type: ignore[no-any-return]
+def _part_cache(request: Request) -> PartCache:
+    return request.app.state.part_cache  # type: ignore[no-any-return]
 
 
-_TheParts = Annotated[PartCache, Depends(_kept)]
+_ThePartCache = Annotated[PartCache, Depends(_part_cache)]
 
 
 @router.get("")
@@ -67,8 +67,9 @@ def job(service: TheService, user: TheUser, row: VisibleJob) -> HTMLResponse:
     )  # fmt: skip
     body = (
         f'<div id="job" data-id="{escaped(row.id)}" data-api="{at}">{_now(service, user, row)}'
-        f'<p id="notice" class="problem" role="status"></p>{_changes(user, row)}{replay}{_live(row, "race", _READING)}'
-        f"{_files(service, row)}{_live(row, 'about', '')}"
+        f'<p id="notice" class="problem" role="status"></p>{_changes(user, row)}{replay}'
+        f"{_live_part(row, 'race', _READING)}"
+        f"{_files(service, row)}{_live_part(row, 'about', '')}"
         f"{_messages(service, row) if may_change(user, row) else ''}</div>"
     )
     scripts = ("viewer.js", "page.js", "live.js", "job.js")
@@ -95,41 +96,48 @@ def messages(service: TheService, row: OwnJob) -> HTMLResponse:
 
 @router.get("/race")
 def race(
-    service: TheService, parts: _TheParts, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
+    service: TheService, parts: _ThePartCache, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
 ) -> Response:
     """The race of a job, for its page; nothing new if the page has it."""
     part, is_fresh = _part(service, parts, row, race_part)
     if isinstance(part, MercatorError):
         return fragment(
-            _live(row, "race", f'<p class="problem">{escaped_lines(service.store.without_place(str(part)))}</p>')
+            _live_part(
+                row, "race", f'<p class="problem">{escaped_lines(service.store.without_data_folder(str(part)))}</p>'
+            )
         )
     if part is None:
-        answer: Response = fragment(_live(row, "race", _without_race(row) if is_fresh else _READING))
+        answer: Response = fragment(_live_part(row, "race", _without_race(row) if is_fresh else _READING))
     elif have == part.version:
         answer = Response(status_code=204)
     else:
         answer = fragment(
-            _live(row, "race", service.store.without_place(part.text), f'{_best_runs(part)} data-have="{part.version}"')
+            _live_part(
+                row,
+                "race",
+                service.store.without_data_folder(part.text),
+                f'{_best_runs(part)} data-have="{part.version}"',
+            )
         )
-    return _aged(answer, is_fresh=is_fresh)
+    return _with_refresh_hint(answer, is_fresh=is_fresh)
 
 
 @router.get("/about")
-def about(service: TheService, parts: _TheParts, row: VisibleJob) -> Response:
-    """What was asked and where the race comes from, for the page of a job."""
+def about(service: TheService, parts: _ThePartCache, row: VisibleJob) -> Response:
+    """Request and origin of a race, for the page of a job."""
     part, is_fresh = _part(service, parts, row, about_part)
     text = (
-        service.store.without_place(part.text) if isinstance(part, Part) else ""
+        service.store.without_data_folder(part.text) if isinstance(part, PagePart) else ""
     )  # what is wrong with the race, its own part says
-    return _aged(fragment(_live(row, "about", text)), is_fresh=part is not None or is_fresh)
+    return _with_refresh_hint(fragment(_live_part(row, "about", text)), is_fresh=part is not None or is_fresh)
 
 
 def _part(
-    service: Service, parts: PartCache, row: IndexRow, make: Callable[[Path], Part]
-) -> tuple[Part | MercatorError | None, bool]:
-    """A part of the page or what is wrong with the race, and whether there is no newer one.
+    service: Service, parts: PartCache, row: IndexRow, make: Callable[[Path], PagePart]
+) -> tuple[PagePart | MercatorError | None, bool]:
+    """A part of the page, or the error of the race, and whether it is up to date.
 
-    Without a part, whether the race has not begun.
+    Without a part, True says that the race has not begun.
     """
     folder = service.store.run_folder(row.id)
     try:
@@ -140,31 +148,31 @@ def _part(
         return error, True
 
 
-def _best_runs(part: Part) -> str:
-    """The best and its runs, as attributes, for the replays."""
+def _best_runs(part: PagePart) -> str:
+    """HTML attributes with the best configuration and its runs, for replays."""
     if part.best is None:
         return ""
     runs = [{"label": f"{run.name}: {number(run.score)}", "seed": run.seed, "score": run.score} for run in part.runs]
     return f' data-best="{part.best}" data-runs="{escaped(json.dumps(runs))}"'
 
 
-def _live(row: IndexRow, part: str, content: str, attributes: str = "") -> Html:
-    """A part of the page that is asked for again."""
+def _live_part(row: IndexRow, part: str, content: str, attributes: str = "") -> Html:
+    """A part of the page that is refreshed."""
     return Html(f'<div id="{part}" data-live="{address(row, f"/{part}")}"{attributes}>{content}</div>')
 
 
-def _aged(answer: Response, *, is_fresh: bool) -> Response:
-    """A part that will be newer soon, if it is not fresh: then the page asks again."""
+def _with_refresh_hint(answer: Response, *, is_fresh: bool) -> Response:
+    """An answer; if it is not fresh, with the header by which the page asks again."""
     if not is_fresh:
         answer.headers["X-Again"] = "1"
     return answer
 
 
 def _now(service: Service, user: User, row: IndexRow) -> Html:
-    """The state of a job and what can be done now."""
+    """State and possible actions of a job."""
     ends = "true" if row.state in ENDED else "false"
     facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
-    facts += f' data-place="{_place(service, row)}"'
+    facts += f' data-place="{_journal_place(service, row)}"'
     job, request = row.job, row.job.request
     what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", job.name), ("job", row.id)]
     if user.name != LOCAL.name:
@@ -181,7 +189,7 @@ def _now(service: Service, user: User, row: IndexRow) -> Html:
         links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
     all_actions = f'<div class="actions">{_design(service, row)}{actions}{again}{links}</div>'
-    return _live(row, "now", f"{words}{all_actions}{facts_list(what)}", facts)
+    return _live_part(row, "now", f"{words}{all_actions}{facts_list(what)}", facts)
 
 
 def _design(service: Service, row: IndexRow) -> str:
@@ -193,7 +201,7 @@ def _design(service: Service, row: IndexRow) -> str:
 
 
 def _advice(row: IndexRow) -> str:
-    """What a job waits for; what to do about one that has failed."""
+    """Advice on a waiting or failed job."""
     if not row.is_job:
         return '<p class="faint">A run folder in the data folder: it can be looked at here, and not be changed.</p>'
     if row.state == "queued" and not row.message:
@@ -217,8 +225,8 @@ def _without_race(row: IndexRow) -> str:
     return '<p class="faint">The race has not begun.</p>'
 
 
-def _place(service: Service, row: IndexRow) -> int:
-    """The place in the journal after which the page follows the race."""
+def _journal_place(service: Service, row: IndexRow) -> int:
+    """Byte offset in the journal from which the page follows the race."""
     journal = service.store.run_folder(row.id) / JOURNAL
     if not length_of(journal):  # as that of a pipe: opening one would wait
         return 0
@@ -227,7 +235,7 @@ def _place(service: Service, row: IndexRow) -> int:
 
 
 def _changes(user: User, row: IndexRow) -> Html:
-    """The form of what is seldom changed."""
+    """Form for budget, priority and sharing."""
     if not may_change(user, row):
         return Html()
     request = row.job.request
@@ -251,13 +259,13 @@ def _files(service: Service, row: IndexRow) -> Html:
     found = files_of(service.store.run_folder(row.id))
     names = [*(one for one in _FIRST if one in found), *sorted(found.keys() - {*_FIRST})]
     if not names:
-        return _live(row, "files", "")
+        return _live_part(row, "files", "")
     links = "".join(f"<li>{_link(row, name, found[name])}</li>" for name in names)
     report = ""
     if REPORT in found:
         to = api_address(row, f"/files/{REPORT}")
         report = f'<p><a class="button main" href="{to}" target="_blank" rel="noopener">Open the full report</a></p>'
-    return _live(row, "files", section("artefacts", "Files", report, f'<ul class="files">{links}</ul>'))
+    return _live_part(row, "files", section("artefacts", "Files", report, f'<ul class="files">{links}</ul>'))
 
 
 def _link(row: IndexRow, name: str, path: Path) -> str:
@@ -273,7 +281,7 @@ def _link(row: IndexRow, name: str, path: Path) -> str:
 
 def _messages(service: Service, row: IndexRow) -> Html:
     """The messages of the process of a job, for its owner."""
-    text = service.store.without_place(last_messages(service.store.folder(row.id) / OUTPUT))
+    text = service.store.without_data_folder(last_messages(service.store.folder(row.id) / OUTPUT))
     shown = f'<pre tabindex="0">{escaped_lines(text)}</pre>' if text else '<p class="faint">There are none.</p>'
     is_open = " open" if row.state == "failed" and text else ""
-    return _live(row, "messages", f"<details{is_open}><summary>Messages of its process</summary>{shown}</details>")
+    return _live_part(row, "messages", f"<details{is_open}><summary>Messages of its process</summary>{shown}</details>")

@@ -1,4 +1,4 @@
-"""What the list of jobs and the page of a job share: state, progress, actions."""
+"""Shared parts of the list of jobs and the page of a job: state, progress, actions."""
 
 from datetime import datetime
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from mercator_design.show.report.markup import Html
 
 
 class Action(NamedTuple):
-    """Something that a user can do with a job, by a request without a body."""
+    """An action of a user on a job, by a request without a body."""
 
     word: str
     method: str
@@ -66,7 +66,7 @@ def buttons(row: IndexRow, *actions: Action) -> Html:
 
 
 def state(row: IndexRow) -> Html:
-    """The state of a job as a word, with what it waits for, or why it failed."""
+    """State of a job as a word, with its message."""
     message = f' <span class="why">{escaped(row.message)}</span>' if row.message else ""
     return Html(f'<span class="state state-{row.state}">{row.state}</span>{message}')
 
@@ -91,14 +91,14 @@ def best(row: IndexRow) -> Html:
 
 
 def time_left(row: IndexRow) -> str:
-    """How long a running race still takes, about; empty if it is not known."""
+    """Estimated remaining time of a running race; empty if unknown."""
     if row.state != "running" or row.left is None:
         return ""
     return f"about {duration(row.left)} left" if row.left >= 1 else "tests and report"
 
 
 def duration(seconds: float) -> str:
-    """A time in the unit that suits it."""
+    """Duration as text, in a suitable unit."""
     for unit, size in (("d", 86400), ("h", 3600), ("min", 60)):
         if seconds >= 2 * size:
             return f"{seconds / size:.0f} {unit}"
@@ -106,7 +106,7 @@ def duration(seconds: float) -> str:
 
 
 def moment(time: str) -> Html:
-    """A time as a reader wants it; empty if there is none."""
+    """Time as HTML; empty if there is none."""
     try:
         shown = datetime.fromisoformat(time).strftime("%Y-%m-%d %H:%M")
     except ValueError:

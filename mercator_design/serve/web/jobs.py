@@ -24,8 +24,8 @@ _WHOSE = {"": "all", "mine": "mine", "shared": "shared"}
 _ORDERS = {name: name for name in ORDERS} | {"submitted": "time", "name": "mission", "best": "best value"}
 
 
-class _Filter:
-    """What a user wants to see; unknown values are ignored."""
+class _JobFilter:
+    """Filter and order of the list of jobs; unknown values are ignored."""
 
     def __init__(
         self,
@@ -34,21 +34,22 @@ class _Filter:
         owner: Annotated[str, Query(max_length=100)] = "",
         text: Annotated[str, Query(max_length=200)] = "",
         order: Annotated[str, Query(max_length=20)] = "submitted",
-        way: Annotated[str, Query(max_length=4)] = "down",
+        direction: Annotated[str, Query(max_length=4)] = "down",
         page: Annotated[str, Query(max_length=9)] = "1",
     ) -> None:
         self.state = state if state in STATES else ""
         self.whose = whose if whose in _WHOSE else ""
         self.order = order if order in ORDERS else "submitted"
-        self.way = "up" if way == "up" else "down"
+        self.direction = "up" if direction == "up" else "down"
         self.owner, self.text = owner.strip(), text.strip()
         self.page = max(1, int(page)) if page.isascii() and page.isdigit() else 1
 
     def query(self, *, page: int | None = None) -> str:
-        """The query of an address, without what is as by default; it begins with a question mark."""
+        """Query string with a question mark, without default values."""
         known = {
             "state": self.state, "whose": self.whose, "owner": self.owner, "text": self.text,
-            "order": "" if self.order == "submitted" else self.order, "way": "" if self.way == "down" else "up",
+            "order": "" if self.order == "submitted" else self.order,
+            "direction": "" if self.direction == "down" else "up",
             "page": "" if (number := page or self.page) == 1 else str(number),
         }  # fmt: skip
         return "?" + urlencode({name: value for name, value in known.items() if value})
@@ -59,12 +60,12 @@ class _Filter:
             user.viewer,
             states=[one for one in STATES if one == self.state],
             owner=user.name if self.whose == "mine" else self.owner,
-            text=self.text, shared=self.whose == "shared", order=self.order, descending=self.way == "down",
+            text=self.text, shared=self.whose == "shared", order=self.order, descending=self.direction == "down",
             limit=_PAGE, offset=(self.page - 1) * _PAGE,
         )  # fmt: skip
 
 
-_TheFilter = Annotated[_Filter, Depends()]
+_TheFilter = Annotated[_JobFilter, Depends()]
 
 
 @router.get("/")
@@ -81,7 +82,7 @@ def part(service: TheService, user: TheUser, wanted: _TheFilter) -> HTMLResponse
     return fragment(_list(service, user, wanted))
 
 
-def _form(wanted: _Filter, user: User) -> Html:
+def _form(wanted: _JobFilter, user: User) -> Html:
     def select(name: str, label: str, offered: dict[str, str], chosen: str) -> str:
         return f'<label>{label}<select name="{name}">{options(offered.items(), chosen)}</select></label>'
 
@@ -95,7 +96,12 @@ def _form(wanted: _Filter, user: User) -> Html:
         select("whose", "Whose", _WHOSE, wanted.whose) if users else "",
         text("owner", "Owner", wanted.owner) if users else "",
         select("order", "Order by", _ORDERS, wanted.order),
-        select("way", "Direction", {"down": "largest or latest first", "up": "smallest or oldest first"}, wanted.way),
+        select(
+            "direction",
+            "Direction",
+            {"down": "largest or latest first", "up": "smallest or oldest first"},
+            wanted.direction,
+        ),
     ]
     return Html(
         '<form class="fields filter" action="/" hx-get="/jobs" hx-target="#jobs" hx-swap="outerMorph" '
@@ -104,13 +110,13 @@ def _form(wanted: _Filter, user: User) -> Html:
     )
 
 
-def _list(service: Service, user: User, wanted: _Filter) -> Html:
+def _list(service: Service, user: User, wanted: _JobFilter) -> Html:
     rows, total = wanted.find(service, user)
     if not rows and wanted.page > 1:
         wanted.page = max(1, -(-total // _PAGE))
         rows, total = wanted.find(service, user)
     live = f'id="jobs" data-live="/jobs{escaped(wanted.query())}" data-seconds="{_SECONDS}"'
-    return Html(f"<div {live}>{_shortage(service)}{_table(rows, user) if rows else _nothing(wanted)}"
+    return Html(f"<div {live}>{_shortage(service)}{_table(rows, user) if rows else _empty_list(wanted)}"
                 f"{_pages(wanted, total)}</div>")  # fmt: skip
 
 
@@ -119,7 +125,7 @@ def _shortage(service: Service) -> str:
     return f'<p class="problem">The disk is nearly full: every job {escaped(what)}.</p>' if what else ""
 
 
-def _nothing(wanted: _Filter) -> Html:
+def _empty_list(wanted: _JobFilter) -> Html:
     if wanted.query() != "?":
         return Html('<p>No job matches. <a href="/">Show all jobs</a></p>')
     return Html(
@@ -133,12 +139,12 @@ def _table(rows: list[IndexRow], user: User) -> Html:
     has_owners = user.name != LOCAL.name
     head = ["Mission", "State", "Experiments", "Best", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
     titles = "".join(f'<th scope="col">{one}</th>' for one in head)
-    lines = "".join(_line(row, user, has_owners=has_owners) for row in rows)
+    lines = "".join(_table_row(row, user, has_owners=has_owners) for row in rows)
     whole = f'<table class="jobs"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>'
     return Html(f'<div class="scroll" tabindex="0">{whole}</div>')
 
 
-def _line(row: IndexRow, user: User, *, has_owners: bool) -> Html:
+def _table_row(row: IndexRow, user: User, *, has_owners: bool) -> Html:
     name = f'<a href="{address(row)}"><bdi>{escaped(row.job.name)}</bdi></a>'
     shared = ' <span class="tag">shared</span>' if row.job.shared and has_owners else ""
     cells = [
@@ -156,7 +162,7 @@ def _line(row: IndexRow, user: User, *, has_owners: bool) -> Html:
     return Html(f'<tr id="{escaped(f"job-{row.id}")}">{shown}</tr>')
 
 
-def _pages(wanted: _Filter, total: int) -> Html:
+def _pages(wanted: _JobFilter, total: int) -> Html:
     last = max(1, -(-total // _PAGE))
     if last == 1:
         return Html(f'<p class="faint">{total} job{"s" * (total != 1)}</p>' if total else "")

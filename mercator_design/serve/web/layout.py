@@ -15,7 +15,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-"""Pages run no script but ours, and ask no one else for anything."""
+"""Content policy of pages: only own scripts, no other servers."""
 _STYLES = ("report.css", "charts.css", "app.css")
 _SCRIPTS = ("htmx.min.js", "app.js")
 _LOGOUT = '<form method="post" action="/logout"><button>Log out</button></form>'
@@ -36,13 +36,13 @@ def page(
     """A page.
 
     Args:
-        title: Of the page.
+        title: Title of the page.
         body: Its parts, as HTML.
-        user: Who sees it; None before the login.
-        here: The link in the navigation that leads to it.
+        user: The user; None before the login.
+        here: Its link in the navigation.
         scripts: Further assets.
         styles: Further assets.
-        status: Of the answer.
+        status: Status of the answer.
     """
     known = assets()
     head = [f'<link rel="stylesheet" href="{known[name].address}">' for name in (*_STYLES, *styles)]

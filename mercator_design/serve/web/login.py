@@ -38,7 +38,7 @@ async def log_in(request: Request, service: TheService) -> Response:
     if (old := session_of(scope)) is not None:
         accounts.sessions.end(old)
     secret = accounts.sessions.begin(holder.token, holder.expires)
-    response = RedirectResponse(_own(target), 303)
+    response = RedirectResponse(_local_target(target), 303)
     response.set_cookie(**_cookie(scope), value=secret, max_age=DAYS * 86_400)
     return response
 
@@ -61,14 +61,14 @@ def login_page(target: str, wrong: str = "", *, status: int = 200) -> HTMLRespon
     """The page on which one logs in.
 
     Args:
-        target: The address of this service to which it leads.
-        wrong: What was wrong with the attempt before.
-        status: Of the answer.
+        target: Address of this service after the login.
+        wrong: Error of the last attempt.
+        status: Status of the answer.
     """
     problem = f'<p class="problem" role="alert">{escaped(wrong)}</p>' if wrong else ""
     form = Html(
         f'<form method="post" action="{LOGIN}" class="fields">'
-        f'<input type="hidden" name="to" value="{escaped(_own(target))}">'
+        f'<input type="hidden" name="to" value="{escaped(_local_target(target))}">'
         '<p><label for="token">Token</label><input id="token" name="token" type="password" required autofocus '
         'autocomplete="current-password" spellcheck="false" maxlength="200"></p>'
         '<p><button class="main">Log in</button></p></form>'
@@ -77,8 +77,8 @@ def login_page(target: str, wrong: str = "", *, status: int = 200) -> HTMLRespon
     return page("Log in", problem, form, user=None, status=status)
 
 
-def _own(target: str) -> str:
-    """An address of this service; the first page instead of any other."""
+def _local_target(target: str) -> str:
+    """The target, if it is an address of this service; otherwise the first page."""
     try:
         parts = urlsplit(target)
     except ValueError:

@@ -11,9 +11,9 @@ from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
-from mercator_design.serve.http.given import visible_design
 from mercator_design.serve.http.machines.schemas import MAX_FSMS
 from mercator_design.serve.http.problems import Missing
+from mercator_design.serve.http.requested import visible_design
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.service import Service
 from mercator_design.serve.web.layout import options, page
@@ -25,7 +25,7 @@ SCRIPTS = ("viewer.js", "results.js")
 STYLES = ("viewer.css", "fsm.css")
 _FIRST = "mission:aggregation"
 _MAX_LISTED = 200
-"""Jobs and designs that a list offers, the newest first."""
+"""Maximum number of jobs, and of designs, in a list."""
 
 
 @router.get("/fsm")

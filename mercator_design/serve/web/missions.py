@@ -1,4 +1,4 @@
-"""The page on which a job is made: the editor of its mission, and the settings of its race."""
+"""The page of a new job: an editor of its mission, and the settings of its race."""
 
 from collections.abc import Iterable
 from html import escape
@@ -33,7 +33,7 @@ _WORDS = {
     "watermelon": "watermelon: for Mercator",
     "chocolate": "chocolate: for e-pucks, without colours",
 }
-"""What methods and flavours are; others are shown by their names alone."""
+"""Labels of methods and flavours; others have their names as labels."""
 _KEYS = (
     "Ctrl-Space: what may be written here. F8: the next mistake. Ctrl-] and Ctrl-[: indent more and less. "
     "Tab leaves the editor; if a menu is open, press Esc, then Tab."
@@ -72,7 +72,7 @@ def new(
 
 
 def _named(text: str, name: str) -> str:
-    """The text of a shipped mission with its name, which its file need not have."""
+    """Text of a shipped mission, with its name added if the file has none."""
     lines = text.split("\n")
     if any(line.startswith("name:") for line in lines):
         return text
@@ -81,7 +81,7 @@ def _named(text: str, name: str) -> str:
 
 
 def _start(name: str, job: str) -> Html:
-    """What the mission starts from."""
+    """Form with the mission to start from."""
     own = f'<option value="" selected>job {escaped(job)}</option>' if job else ""
     offered = (
         (one.name, f"{one.name}: {one.robots} robots, {one.duration:g} s, {one.direction} {one.objective}")

@@ -1,4 +1,4 @@
-"""Parts of pages that are computed by the pool, once for all who look at a job."""
+"""The cache of page parts that workers compute, shared by all readers of a job."""
 
 import threading
 import time
@@ -16,17 +16,17 @@ from mercator_design.results.files import JOURNAL
 from mercator_design.results.provenance import PROVENANCE
 from mercator_design.serve.jobs.races import length_of
 from mercator_design.serve.workers.pool import CURRENT_USER, Busy, WorkerPool
-from mercator_design.serve.workers.races import Part
+from mercator_design.serve.workers.races import PagePart
 
 _PERIOD = 2.0
-"""Seconds between two computations of a part."""
+"""Minimum time between two computations of a part [s]."""
 _SHARE = 0.2  # of the time that a worker may spend on one part
 _MAX_WAIT = 20.0  # seconds between two computations
 _MAX_KEPT = 200  # parts that are kept
 
 
-class _State(NamedTuple):
-    """What differs when a run folder has changed: its race goes on, or begins or ends."""
+class _FolderState(NamedTuple):
+    """State of a run folder."""
 
     length: int  # of the journal
     turns: tuple[object, ...]
@@ -34,23 +34,23 @@ class _State(NamedTuple):
 
 @dataclass(slots=True)
 class _Entry:
-    is_at_work: bool = False  # whether it is being computed
-    part: Part | None = None  # the latest
+    is_alive: bool = False  # whether it is being computed
+    part: PagePart | None = None  # the latest
     problem: MercatorError | None = None  # why there is no newer one
-    state: _State | None = None  # of the folder, as the part shows it
+    state: _FolderState | None = None  # of the folder, as the part shows it
     again: float = 0.0  # from when on it may be computed again
 
 
 class PartCache:
-    """Parts of pages; safe for several threads.
+    """Cache of page parts; safe for several threads.
 
-    A part is computed again only if the run folder has changed, by one request at a time, and while a race goes on at
-    most so often that it takes a small share of the time of one worker. All other requests get the latest part at once.
+    A part is computed again only after a change of the run folder, by one request at a time, and during a race only so
+    often that it takes a small share of a worker's time. All other requests get the latest part at once.
 
     Args:
-        pool: Computes them.
-        workers: Number of its workers; a user has at most half of them at a time.
-        clock: Seconds that have passed since some time.
+        pool: Workers that compute the parts.
+        workers: Number of workers; a user has at most half of them at a time.
+        clock: Monotonic time [s].
     """
 
     def __init__(self, pool: WorkerPool, workers: int, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -59,11 +59,11 @@ class PartCache:
         self._lock = threading.Lock()
         self._max_of_user, self._at_work = max(1, workers // 2), Counter[str]()  # computations of a user at a time
 
-    def get(self, make: Callable[[Path], Part], folder: Path) -> tuple[Part | None, bool]:
-        """A part of a run folder, and whether it shows the folder as it is; None if it is being computed.
+    def get(self, make: Callable[[Path], PagePart], folder: Path) -> tuple[PagePart | None, bool]:
+        """A part of a run folder's page, or None if it is being computed, and whether it is up to date.
 
         Args:
-            make: Computes it: a function of `workers/races.py`.
+            make: Function of `workers/races.py` that computes it.
             folder: The run folder.
 
         Raises:
@@ -95,14 +95,14 @@ class PartCache:
         finally:
             with self._lock:
                 self._at_work[user] -= 1
-                entry.is_at_work = False
+                entry.is_alive = False
 
     def _begin(self, entry: _Entry, user: str) -> bool:
-        """Whether nobody computes a part, and a user may have one more computation, which begins then."""
+        """Begin a computation, unless this part has one or the user too many; return whether it has begun."""
         with self._lock:
-            if entry.is_at_work or self._at_work[user] >= self._max_of_user:
+            if entry.is_alive or self._at_work[user] >= self._max_of_user:
                 return False
-            entry.is_at_work = True
+            entry.is_alive = True
             self._at_work[user] += 1
             return True
 
@@ -115,7 +115,7 @@ class PartCache:
             return entry
 
 
-def _state(folder: Path) -> _State:
+def _state(folder: Path) -> _FolderState:
     turns: list[object] = [is_locked(folder / JOURNAL)]
     for name in (PROVENANCE, PROOF):
         try:
@@ -123,4 +123,4 @@ def _state(folder: Path) -> _State:
             turns.append((status.st_ino, status.st_size, status.st_mtime_ns))
         except OSError:
             turns.append(None)
-    return _State(length_of(folder / JOURNAL), tuple(turns))
+    return _FolderState(length_of(folder / JOURNAL), tuple(turns))

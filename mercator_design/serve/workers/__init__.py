@@ -1,1 +1,1 @@
-"""Short work in worker processes, which may be killed: what users send is never computed in the service itself."""
+"""Short work in worker processes, which may be killed: input of users is never computed in the service itself."""

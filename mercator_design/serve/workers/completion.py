@@ -1,4 +1,4 @@
-"""What may be written at a place of a mission's text: keys, words, names, with their descriptions.
+"""Completions at a place of a mission's text: keys, words and names, with their descriptions.
 
 The text may be unfinished. The keys and their types come from the annotations by which missions are read.
 """
@@ -21,26 +21,26 @@ from mercator_design.missions.plugins import ZoneReference
 from mercator_design.serve.workers.outline import Outline, Piece, Step
 
 _CURSOR = "cursor0cursor"
-"""Stands in the text for the word that is written."""
+"""Placeholder in the text for the unfinished word."""
 _BEFORE = re.compile(r"(?P<what>^[ ]*(?:-[ ]+)*|[{\[,][ ]*|:[ ]+)(?P<word>[^{}\[\],:#'\"]*)$")
 _AFTER = re.compile(r"[^{}\[\],:#'\"]*")
 
 
 @dataclass(frozen=True, slots=True)
-class _Means:
-    """What the word of a dataclass's tag stands for."""
+class _TagMeaning:
+    """Description of a dataclass, for the word of its tag."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
-    """Something that may be written.
+    """A possible completion.
 
     label: A key, a word or a name.
-    kind: What it is.
-    insert: What is to be written; further lines are to be indented as the first one.
-    detail: Its type and default, of a key.
+    kind: Kind of the label.
+    insert: Text to insert; further lines get the indentation of the first one.
+    detail: Type and default of a key.
     info: Its description.
     is_required: Whether it is a key without which the mission is not valid.
     """
@@ -55,14 +55,14 @@ class Completion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completions:
-    """All that may be written at a place; `column` is where the word begins that it replaces, from 1."""
+    """All completions at a place; `column` is the start of the word to replace, from 1."""
 
     column: int
     options: tuple[Completion, ...]
 
 
 def completions(text: str, line: int, column: int) -> Completions:
-    """What may be written at a place of a mission's text.
+    """Completions at a place of a mission's text.
 
     Args:
         text: The text; it may be unfinished.
@@ -82,33 +82,33 @@ def completions(text: str, line: int, column: int) -> Completions:
     for colon in (": ", "") if at_start and not rest.startswith(":") else ("",):
         lines[line - 1] = f"{before[:start]}{_CURSOR}{colon}{rest}"
         root = Outline.of("\n".join(lines)).root
-        if root is not None and (way := _way_to_cursor(root)) is not None:
+        if root is not None and (path := _path_to_cursor(root)) is not None:
             options: dict[str, Completion] = {}
-            for each in _options(root, way):
+            for each in _options(root, path):
                 options.setdefault(each.label, each)
             return Completions(column=start + 1, options=tuple(options.values()))
     return nothing
 
 
-def _way_to_cursor(piece: Piece) -> list[Step] | None:
+def _path_to_cursor(piece: Piece) -> list[Step] | None:
     """The steps to the cursor: a key, or a value."""
     if piece.content == _CURSOR:
         return []
     for step, part in piece.parts():
         if step == _CURSOR:
             return [step]
-        if (way := _way_to_cursor(part)) is not None:
-            return [step, *way]
+        if (path := _path_to_cursor(part)) is not None:
+            return [step, *path]
     return None
 
 
-def _options(root: Piece, way: list[Step]) -> Iterator[Completion]:
-    """What may be at the end of a way."""
-    is_key = bool(way) and way[-1] == _CURSOR
+def _options(root: Piece, path: list[Step]) -> Iterator[Completion]:
+    """Completions at the end of a path."""
+    is_key = bool(path) and path[-1] == _CURSOR
     kinds: list[Kind] = [Mission]
     piece: Piece | None = root
-    for step in way[:-1] if is_key else way:
-        kinds = [inner for kind in kinds for inner in _inside(kind, piece, step)]
+    for step in path[:-1] if is_key else path:
+        kinds = [inner for kind in kinds for inner in _kinds_inside(kind, piece, step)]
         piece = piece.child(step) if piece else None
     zones = _zone_names(root)
     for kind in kinds:
@@ -116,12 +116,12 @@ def _options(root: Piece, way: list[Step]) -> Iterator[Completion]:
             yield from _keys(kind, piece, zones)
         else:
             yield from _values(kind, zones)
-            if way and isinstance(way[-1], int):
+            if path and isinstance(path[-1], int):
                 yield from _keys(kind, None, zones)
 
 
-def _inside(kind: Kind, piece: Piece | None, step: Step) -> Iterator[Kind]:
-    """The kinds that a part of a piece may have."""
+def _kinds_inside(kind: Kind, piece: Piece | None, step: Step) -> Iterator[Kind]:
+    """Possible kinds of a part of a piece."""
     base, _ = schema.unwrapped(kind)
     for record in _records(kind, piece):
         if isinstance(step, str):
@@ -129,7 +129,9 @@ def _inside(kind: Kind, piece: Piece | None, step: Step) -> Iterator[Kind]:
             key = spelling.find(step, fields)
             if key is not None:
                 inner, _ = fields[key]
-                yield typing.Annotated[inner, _Means(summary_of(record))] if len(schema.words(inner)) == 1 else inner
+                yield (
+                    typing.Annotated[inner, _TagMeaning(summary_of(record))] if len(schema.words(inner)) == 1 else inner
+                )
     for each in typing.get_args(base) if schema.is_union(base) else (base,):
         arguments = typing.get_args(each)
         if schema.origin_of(each) is tuple and isinstance(step, int):
@@ -138,11 +140,11 @@ def _inside(kind: Kind, piece: Piece | None, step: Step) -> Iterator[Kind]:
         elif schema.origin_of(each) is Mapping and isinstance(step, str):
             yield arguments[1]
         elif schema.origin_of(each) is typing.Annotated:
-            yield from _inside(each, piece, step)
+            yield from _kinds_inside(each, piece, step)
 
 
 def _records(kind: Kind, piece: Piece | None) -> list[Kind]:
-    """The dataclasses of a kind; of several, the one that the tag in a piece names."""
+    """Dataclasses of a kind; only that of the tag in a piece, if there is one."""
     base, _ = schema.unwrapped(kind)
     found = [each for each in (typing.get_args(base) if schema.is_union(base) else (base,)) if schema.is_record(each)]
     if len(found) > 1:
@@ -154,7 +156,7 @@ def _records(kind: Kind, piece: Piece | None) -> list[Kind]:
 
 
 def _function(record: Kind, piece: Piece | None) -> Kind | None:
-    """The function that a piece names by which a dataclass has keyword arguments."""
+    """Function named in a piece whose parameters are keys of the dataclass; None if there is none."""
     keywords = schema.keywords_of(record)
     named = piece.child(keywords[1].key) if keywords and piece else None
     if keywords is None or named is None or not isinstance(named.content, str):
@@ -175,7 +177,7 @@ def _fields(record: Kind, piece: Piece | None) -> Specification:
 
 
 def _keys(kind: Kind, piece: Piece | None, zones: list[str]) -> Iterator[Completion]:
-    """The keys that a mapping may have, and does not have yet."""
+    """Completions of the missing keys of a mapping."""
     there = {spelling.folded(str(step)) for step, _ in piece.parts()} if piece else set()
     records = _records(kind, piece)
     if len(records) > 1:  # which of them it is, is not said yet
@@ -207,7 +209,7 @@ def _keys(kind: Kind, piece: Piece | None, zones: list[str]) -> Iterator[Complet
 
 
 def _after_key(kind: Kind) -> str:
-    """What follows a key: its value on the same line, or on further lines."""
+    """Text after a key: a space, or a new line for a list or mapping."""
     base, _ = schema.unwrapped(kind)
     parts = typing.get_args(base) if schema.is_union(base) else (base,)
     if any(schema.is_record(part) for part in parts):
@@ -228,7 +230,7 @@ def _type(kind: Kind, default: object, *, is_required: bool) -> str:
 
 
 def _values(kind: Kind, zones: list[str]) -> Iterator[Completion]:
-    """The values that a scalar or a list of a fixed length may have."""
+    """Completions of the value of a scalar, or of a list of fixed length."""
     base, _ = schema.unwrapped(kind)
     extras = getattr(kind, "__metadata__", ())
     for extra in extras:
@@ -245,7 +247,7 @@ def _values(kind: Kind, zones: list[str]) -> Iterator[Completion]:
         for each in typing.get_args(base):
             yield from _values(each, zones)
     elif schema.origin_of(base) is Literal:
-        info = next((extra.text for extra in extras if isinstance(extra, _Means)), "")
+        info = next((extra.text for extra in extras if isinstance(extra, _TagMeaning)), "")
         for word in typing.get_args(base):
             yield Completion(label=str(word), kind="word", insert=str(word), info=info)
     elif base is bool:

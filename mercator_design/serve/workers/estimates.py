@@ -1,4 +1,4 @@
-"""How long a race will take: a few of its first experiments are timed."""
+"""Estimates of the duration of races, from a few timed experiments."""
 
 import functools
 import statistics
@@ -12,28 +12,28 @@ from mercator_design.serve.workers.sources import MissionSource
 from mercator_design.sim.simulate import Simulator
 
 _SECONDS = 2.0
-"""Computing time of the timed experiments, if there are so many."""
+"""Computing time of the timed experiments [s]."""
 _MIN_RUNS, _MAX_RUNS = 3, 40
 _ASKED = {"halving": 0.5e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
 _ASKED_USUALLY = 1e-3
-"""[s] of computing time in which a method proposes an experiment and takes its cost, measured on two slow cores."""
+"""Computing time of a method for an experiment [s], measured on two slow cores."""
 _REPORTED = 0.1
-"""Experiments of the report, as a share of the budget."""
+"""Number of experiments of the report, as a share of the budget."""
 _STARTED = 3.0, 12.0
-"""[s] in which a race starts, and writes its report: low and high."""
+"""Time of the start of a race and of its report [s]: low and high."""
 _QUICKER, _SLOWER = 0.5, 2.0
-"""Designs that are found later may make experiments quicker or slower than random ones: robots touch more, or less."""
+"""Factors between experiments of good and of random designs: robots touch less, or more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
     """The computing time of a race; low and high are the ends of a range.
 
-    experiment: Of an experiment, on average [s].
-    timed: Number of experiments from which it is known.
-    experiments: That the race runs, with those of its tests and its report.
-    core_seconds: Of all [s], low and high.
-    seconds: From the start of the race to its report [s], low and high.
+    experiment: Mean of an experiment [s].
+    timed: Number of timed experiments.
+    experiments: Number of experiments, with those of tests and report.
+    core_seconds: Total on all cores [s], low and high.
+    seconds: Time from the start of the race to its report [s], low and high.
     """
 
     experiment: float
@@ -48,8 +48,8 @@ def cost_of(request: RaceRequest, limits: UserLimits, cores: int) -> Cost:
 
     Args:
         request: The request of the job.
-        limits: Of the service.
-        cores: Experiments that run at the same time.
+        limits: Limits of the service.
+        cores: Number of experiments at the same time.
 
     Raises:
         MercatorError: The mission is not valid, or a race of it cannot begin.
@@ -74,7 +74,7 @@ def cost_of(request: RaceRequest, limits: UserLimits, cores: int) -> Cost:
 
 @functools.lru_cache(maxsize=64)
 def computing_times(source: MissionSource, flavour: str, limits: UserLimits) -> tuple[float, ...]:
-    """Computing times of some experiments of random PFSMs [s]; remembered, so that another budget costs nothing."""
+    """Computing times of experiments of random PFSMs [s]; cached, so that another budget costs nothing."""
     simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MAX_RUNS * 100, seed=1, flavour=flavour, method="random")
     simulator.rehearse(announce=lambda _: None)

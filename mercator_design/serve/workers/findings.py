@@ -15,8 +15,8 @@ from mercator_design.serve.workers.outline import Outline, Piece, Span
 class MissionFinding:
     """A mistake or a warning.
 
-    message: Without its place, if that is known.
-    path: Of the key, such as floor.zones[0].radius; empty if it is of none.
+    message: Message without its place, if that is known.
+    path: Path of the key, such as floor.zones[0].radius; empty if it is of none.
     line: From 1; None if it is of no line.
     column: From 1, in characters; None if it is not known. So are `end_line` and `end_column`, which are behind it.
     """
@@ -63,14 +63,14 @@ def _finding(message: str, label: str, outline: Outline) -> MissionFinding:
 
 
 def _is_path(text: str, *, is_placed: bool) -> bool:
-    """Whether the beginning of a message is the path of a key, and not of its words."""
+    """Whether a text at the start of a message is the path of a key."""
     way = steps(text)
     is_known = bool(way) and isinstance(way[0], str) and spelling.find(way[0], fields_of(Mission)) is not None
     return is_known or (is_placed and bool(way) and " " not in text)
 
 
 def _span(outline: Outline, path: str, line: int, *, is_on_key: bool) -> Span | None:
-    """The part of a line on which a message is: the value there, else its key; None if that is not known."""
+    """Part of a line to mark for a message: the value there, else its key; None if unknown."""
     if not path:
         place = outline.error
         return None if place is None or place.line != line else Span(place, place)

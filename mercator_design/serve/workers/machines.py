@@ -1,4 +1,4 @@
-"""Work on FSMs for the workers: checks, evaluations, replays."""
+"""Functions on FSMs that workers compute: checks, evaluations, replays."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -27,9 +27,9 @@ from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.simulate import Simulator
 
 _MAX_CELLS = 1_000_000
-"""Cycles of all robots together in a replay: 20 robots for more than an hour, 100 for a quarter of one."""
+"""Maximum number of cycles of all robots in a replay: 20 robots for more than an hour."""
 MAX_CHANGES = 100_000
-"""Changes of zones in the replays of a request."""
+"""Maximum number of changes of zones in the replays of a request."""
 _CYCLE = 0.1  # [s] of missions that say nothing else
 
 
@@ -54,10 +54,10 @@ class Machines:
         return simulator, found
 
 
-def checked(
+def check_fsm(
     fsm: FsmSource, mission: MissionSource | None, limits: UserLimits, *, narrow: bool = False
 ) -> dict[str, Any]:
-    """What is to be said of an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it.
+    """Check of an FSM: its mistakes; or if there are none, its forms.
 
     Raises:
         MissionError: The mission is not valid.
@@ -72,7 +72,7 @@ def checked(
 
 
 def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = False) -> dict[str, Any]:
-    """An FSM as text, YAML, data, words and a picture; with findings, on a mission if one is known."""
+    """An FSM as text, YAML, data, explanation and diagram, with findings; on a mission, if one is given."""
     on = None if simulator is None else (simulator.mission, simulator.robot_model)
     written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
     swarm = KnownSwarm(_CYCLE) if on is None else KnownSwarm(on[0].control_period, on[0].robots)
@@ -87,7 +87,7 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     }
 
 
-def best_of(job: FsmSource, mission: MissionSource, limits: UserLimits) -> dict[str, Any]:
+def winner_of(job: FsmSource, mission: MissionSource, limits: UserLimits) -> dict[str, Any]:
     """The winner of a job, or its best so far, with its forms.
 
     Raises:
@@ -99,14 +99,16 @@ def best_of(job: FsmSource, mission: MissionSource, limits: UserLimits) -> dict[
     return {**facts, "fsm": {"valid": True, "errors": [], **forms(leader.fsm, Simulator(mission.read(limits)))}}
 
 
-def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float) -> tuple[tuple[float, ...], float]:
+def run_experiments(
+    machines: Machines, seeds: Sequence[int], done: int, seconds: float
+) -> tuple[tuple[float, ...], float]:
     """Run the next experiments of an evaluation: all FSMs on the first instance, then on the second, ...
 
     Return their scores, and the time they took [s].
 
     Args:
         machines: The FSMs and the mission.
-        seeds: Of the instances.
+        seeds: Seeds of the instances.
         done: The number of experiments that have run.
         seconds: The time after which no further experiment begins.
 
@@ -125,10 +127,10 @@ def run_part(machines: Machines, seeds: Sequence[int], done: int, seconds: float
     return tuple(scores), time.monotonic() - begin
 
 
-def compared(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequence[float]) -> dict[str, Any]:
+def compare_fsms(machines: Machines, seeds: Sequence[int], seed: int, scores: Sequence[float]) -> dict[str, Any]:
     """The figures of an evaluation, as `mdesign evaluate --json` has them for several FSMs; and a chart.
 
-    The scores are in the order of `run_part`.
+    The scores are in the order of `run_experiments`.
     """
     simulator, fsms = machines.read()
     n = len(fsms)
@@ -176,7 +178,7 @@ def replays(machines: Machines, seed: int) -> list[Replay]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewDesign:
-    """The files of a design, and what its file of facts says of them."""
+    """Files of a new design, and facts of its mission."""
 
     fsm: str
     mission: str

@@ -1,4 +1,4 @@
-"""Work on missions for the workers: checks, facts, pictures."""
+"""Functions on missions that workers compute: checks, facts, pictures."""
 
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -18,12 +18,12 @@ from mercator_design.sim.checks.no_effect import dead_conditions, no_effect_warn
 from mercator_design.sim.simulate import Simulator, robot_model_of
 
 _BUDGET = 10_000
-"""Experiments that suffice for any method."""
+"""A budget that suffices for any method."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedMission:
-    """What a check of a job's mission has found."""
+    """Facts and warnings of a job's mission that was checked."""
 
     name: str
     direction: str
@@ -32,7 +32,7 @@ class CheckedMission:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionFacts:
-    """What a valid mission is."""
+    """Facts of a valid mission."""
 
     name: str
     description: str
@@ -79,7 +79,7 @@ def check_request(request: RaceRequest, limits: UserLimits) -> CheckedMission:
 
 
 def review(source: MissionSource, flavour: str, limits: UserLimits) -> MissionReview:
-    """All that can be said of a mission, which may have mistakes.
+    """Mistakes, warnings and facts of a mission.
 
     Raises:
         MissionError: There is no shipped mission of the name.
@@ -110,7 +110,7 @@ def review(source: MissionSource, flavour: str, limits: UserLimits) -> MissionRe
 
 @lru_cache(maxsize=32)
 def picture(source: MissionSource, limits: UserLimits, seed: int, kind: Literal["png", "svg"]) -> bytes:
-    """A user's mission seen from above; remembered, because the page of a new job shows the same again and again.
+    """Picture of a user's mission from above; cached, because the page of a new job shows the same one often.
 
     Raises:
         MercatorError: It is not valid, or the robots do not fit.
@@ -139,6 +139,6 @@ def mission_schema() -> dict[str, Any]:
 
 
 def _warnings(simulator: Simulator, flavour: str) -> list[str]:
-    """The warnings on a mission, but those for which it is refused."""
+    """Warnings on a mission, without those for which it is refused."""
     found = [one.message for one in simulator.warnings if not one.is_impossible]
     return [*found, *no_effect_warnings(simulator.mission, simulator.robot_model, flavour)]

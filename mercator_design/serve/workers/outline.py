@@ -1,7 +1,4 @@
-"""What is where in a YAML text that may be unfinished: its pieces with their places, as far as it can be read.
-
-For marks in an editor, and to know what may be written at a place. Whether the text is valid, only config/ says.
-"""
+"""The pieces of a YAML text, which may be unfinished, with their places; for marks and completions in an editor."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +20,7 @@ class Mark(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A part of a text, without its end."""
+    """A range of a text; the end is exclusive."""
 
     start: Mark
     end: Mark
@@ -33,9 +30,9 @@ class Span(NamedTuple):
 class Piece:
     """A scalar, a list or a mapping, which may be unfinished.
 
-    content: None for what is none of these.
-    span: Of the piece; that of an unfinished list or mapping is its beginning.
-    key: The span of the key of which it is the value.
+    content: Content; None for anything else, such as an alias.
+    span: Range of the piece; of an unfinished list or mapping, only its beginning.
+    key: Range of its key; None if it is no value of a key.
     """
 
     content: "str | list[Piece] | dict[str, Piece] | None"
@@ -71,7 +68,7 @@ class Outline:
 
     @classmethod
     def of(cls, text: str) -> "Outline":
-        """The outline of a text; of one that is too long or too deep, the part that may be read."""
+        """Outline of a text; if that is too long or too deep, of its readable part."""
         outline = cls()
         events = yaml.parse(text[:MAX_FILE_SIZE], Loader=LOADER)
         try:
@@ -89,7 +86,7 @@ class Outline:
 
 
 def _fill(piece: Piece, events: Iterator[Any], depth: int) -> None:
-    """Read the parts of a list or mapping, and theirs; a key has an empty value until its value is read."""
+    """Read the parts of a list or mapping, recursively; a key without a value yet has an empty one."""
     if not isinstance(piece.content, (list, dict)):
         return
     if not depth:

@@ -1,4 +1,4 @@
-"""The worker processes, shared fairly by users: the work of a user waits behind the user's own."""
+"""The pool of worker processes, shared fairly by users: the work of a user waits behind the user's own."""
 
 import contextlib
 import os
@@ -19,38 +19,37 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 CURRENT_USER: ContextVar[str] = ContextVar("current_user", default="")
-"""The name of the user whose request is answered."""
+"""Name of the user whose request is answered."""
 MAX_WAITING = 300
-"""Pieces of work of all users that wait for a worker."""
+"""Maximum number of waiting tasks of all users."""
 MAX_WORK = MAX_WAITING + MAX_WORKERS
-"""Pieces of work at a time, with those that wait; each keeps a thread of the service."""
+"""Maximum number of tasks, at work and waiting; each occupies a thread of the service."""
 MAX_WAIT = 120.0
-"""Seconds that work waits for a worker."""
+"""Maximum waiting time of a task [s]."""
 
 
 class Busy(ServiceError):  # noqa: N818 - nothing is wrong
-    """Too much work waits for a worker; try again later."""
+    """Too many tasks wait for a worker, or one has waited too long."""
 
 
 @dataclass(eq=False, slots=True)
 class _Waiting:
-    """A piece of work that waits for a worker."""
+    """A task that waits for a worker."""
 
     user: str
     worker: Future[WorkerProcess] = field(default_factory=Future)
 
 
 class WorkerPool:
-    """Worker processes; safe for several threads.
+    """Pool of worker processes; safe for several threads.
 
-    A worker that is free goes to the user whose turn it is (`next_user`). One user never has all workers, so that work
-    that takes long keeps no other user waiting. Of too much waiting work, the latest of the user with the most of it is
-    refused.
+    A free worker takes a task of the user whose turn it is (`next_user`). One user never has all workers, so that long
+    tasks do not keep other users waiting. If too many tasks wait, the latest of the user with the most is refused.
 
     Args:
         workers: Number of processes.
-        seconds: Time limit of a piece of work.
-        megabytes: Memory of a worker.
+        seconds: Time limit of a task.
+        megabytes: Memory limit of a worker.
         plugins: Python files with objectives and dynamics, which the workers load.
         folder: An empty folder, in which the workers work.
     """
@@ -73,7 +72,7 @@ class WorkerPool:
 
         Raises:
             MercatorError: What the function raises.
-            Busy: No worker was free in time, or too much work waits.
+            Busy: No worker was free in time, or too many tasks wait.
             TooMuchWork: The function took too long or too much memory; its worker was killed.
             ServiceError: The worker died, or its process cannot be started.
         """
@@ -108,7 +107,7 @@ class WorkerPool:
 
     @contextlib.contextmanager
     def _worker(self, user: str) -> Iterator[WorkerProcess]:
-        """A worker for a piece of work of a user; if that goes wrong, another one takes its place."""
+        """A worker for a task of a user; if the task raises, another worker takes its place."""
         worker, is_well = self._free_worker(user), False
         try:
             yield worker
@@ -128,10 +127,10 @@ class WorkerPool:
                     self._assign()
 
     def _free_worker(self, user: str) -> WorkerProcess:
-        """Wait until it is the turn of a piece of work of a user.
+        """Wait for a worker for a task of a user.
 
         Raises:
-            Busy: Too much work waits, or this has waited too long.
+            Busy: Too many tasks wait, or this one has waited too long.
         """
         one = _Waiting(user)
         with self._lock:
@@ -147,7 +146,7 @@ class WorkerPool:
         return one.worker.result()
 
     def _assign(self) -> None:
-        """Give idle workers to those whose turn it is."""
+        """Give idle workers to waiting tasks."""
         while self._idle:
             users = (one.user for one in self._waiting)
             user = next_user(users, self._at_work, self._served, self._max_at_work)
@@ -160,7 +159,7 @@ class WorkerPool:
             first.worker.set_result(self._idle.pop())
 
     def _work_to_refuse(self) -> _Waiting:
-        """The latest work of the user with the most work that waits."""
+        """The latest task of the user with the most waiting tasks."""
         number = Counter(one.user for one in self._waiting)
         return max(reversed(self._waiting), key=lambda one: number[one.user])
 

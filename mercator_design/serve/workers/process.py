@@ -15,12 +15,12 @@ from mercator_design.serve.settings import ServiceError
 from mercator_design.system.shortage import die_first
 
 _NICE = 5
-"""Niceness of workers: they leave the processor to the service, and take it from races."""
+"""Niceness of workers: between the service and races."""
 _PERIOD = 0.25
-"""Seconds between two looks at the memory of a process at work."""
+"""Seconds between two checks of the memory of a process at work."""
 _MB = 1_000_000
 _START = 60.0
-"""Additional seconds for the first function, for which the process loads modules and kernels."""
+"""Additional time for the first function, for which the process loads modules and kernels [s]."""
 
 
 class TooMuchWork(ServiceError):  # noqa: N818 - nothing is wrong with the service
@@ -28,7 +28,7 @@ class TooMuchWork(ServiceError):  # noqa: N818 - nothing is wrong with the servi
 
 
 class WorkerProcess:
-    """One process; it is started by its first work."""
+    """A worker process; started by its first function."""
 
     def __init__(self, plugins: tuple[str, ...], folder: Path) -> None:
         self._plugins, self._folder = plugins, folder
@@ -75,7 +75,7 @@ class WorkerProcess:
                 self._connection, theirs = context.Pipe()
                 with theirs:
                     arguments = (theirs, self._plugins, str(self._folder))
-                    process = context.Process(target=_work, args=arguments, name="worker", daemon=True)
+                    process = context.Process(target=_main, args=arguments, name="worker", daemon=True)
                     process.start()
             except OSError as error:  # for example, there are too many processes
                 raise ServiceError(f"a process for this cannot be started: {error.strerror or error}") from None
@@ -99,7 +99,7 @@ class WorkerProcess:
 
 
 def _memory_of(process: int | None) -> int:
-    """The bytes of memory that a process uses; 0 if the system does not say it."""
+    """Memory of a process [bytes]; 0 if unknown."""
     try:
         pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
     except (OSError, IndexError):
@@ -107,8 +107,8 @@ def _memory_of(process: int | None) -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def _work(connection: Connection, plugins: Sequence[str], folder: str) -> None:
-    """Work until the service has gone."""
+def _main(connection: Connection, plugins: Sequence[str], folder: str) -> None:
+    """Compute functions until the service has ended."""
     from mercator_design.missions.plugin_files import read_plugin
     from mercator_design.missions.plugins import refuse_more, run_plugin
 
@@ -143,7 +143,7 @@ def _answer(
 
 
 def _end_with_service() -> None:
-    """End this process with the service, which alone knows of time limits, also if it was killed."""
+    """End this process with the service, also if that was killed."""
     service = multiprocessing.parent_process()
     assert service is not None  # noqa: S101 - this is a worker
     service.join()

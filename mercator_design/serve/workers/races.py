@@ -1,4 +1,4 @@
-"""Work on run folders for the workers: the parts of a job's page that are computed."""
+"""Functions on run folders that workers compute: parts of a job's page."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ from mercator_design.show.report.request import request
 
 
 @dataclass(frozen=True)
-class Part:
+class PagePart:
     """A part of a page.
 
     text: HTML.
-    best: The number of the winner, or of the best configuration so far; None if there is none yet.
+    best: Number of the winner, or of the best configuration so far; None if there is none yet.
     runs: Its median, best and worst run.
     """
 
@@ -32,11 +32,11 @@ class Part:
 
     @cached_property
     def version(self) -> str:
-        """Of the text."""
+        """Digest of the text."""
         return hashlib.sha256(self.text.encode()).hexdigest()[:16]
 
 
-def race_part(folder: Path) -> Part:
+def race_part(folder: Path) -> PagePart:
     """The race so far, or of a race that has ended its winner and proof, as HTML.
 
     Raises:
@@ -49,17 +49,17 @@ def race_part(folder: Path) -> Part:
     if facts.record.is_complete:
         sections = [choice(facts, proof, ""), *sections, importance(facts)]
     text = "".join([*notes, answer(facts, proof, []), *sections])
-    return Part(text, facts.best, tuple(chosen_runs(facts, None)))
+    return PagePart(text, facts.best, tuple(chosen_runs(facts, None)))
 
 
-def about_part(folder: Path) -> Part:
-    """What was asked and where the race comes from, as HTML.
+def about_part(folder: Path) -> PagePart:
+    """Request and origin of the race, as HTML.
 
     Raises:
         MercatorError: The folder cannot be read.
     """
     facts = _facts(folder)
-    return Part(request(facts) + origin(facts))
+    return PagePart(request(facts) + origin(facts))
 
 
 def _facts(folder: Path) -> Facts:

@@ -1,4 +1,4 @@
-"""Where the missions and FSMs of users come from: names, texts, run folders; read by the workers."""
+"""Sources of missions and FSMs: names, texts, run folders; read by the workers."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import robot_model_of
 
 FSM = "FSM"
-"""The name of a user's text in messages, unless the user gives one."""
+"""Default name of a user's text in messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ class MissionSource:
         return _user_mission(MISSION, text, self.overrides, limits)
 
     def label_and_text(self) -> tuple[str, str]:
-        """What messages call a mission that is not of a run folder, and its text.
+        """Label in messages, and text, of a mission that is not of a run folder.
 
         Raises:
             MissionError: There is no shipped mission of the name.
@@ -136,8 +136,8 @@ class LeadingDesign:
     """The winner of a race, or its best configuration so far.
 
     configuration: Its number.
-    mean: Of its scores in the race.
-    runs: The number of these.
+    mean: Mean of its scores in the race.
+    runs: Number of these scores.
     is_winner: Whether the race has ended.
     """
 

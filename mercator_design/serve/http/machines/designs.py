@@ -11,12 +11,12 @@ from mercator_design.config.schema import Name, unwrapped
 from mercator_design.designer import TEST_SEED
 from mercator_design.serve.designs import FSM, Design
 from mercator_design.serve.http.context import TheService, TheUser
-from mercator_design.serve.http.given import machines_given, visible_design
 from mercator_design.serve.http.machines.schemas import CheckedFsm, FsmBody, MissionBody
 from mercator_design.serve.http.problems import RESPONSES, NotAllowed
+from mercator_design.serve.http.requested import requested_machines, visible_design
 from mercator_design.serve.http.schemas import Body
 from mercator_design.serve.jobs.store import MISSION
-from mercator_design.serve.workers.machines import checked, new_design, run_part
+from mercator_design.serve.workers.machines import check_fsm, new_design, run_experiments
 from mercator_design.serve.workers.process import TooMuchWork
 from mercator_design.serve.workers.sources import FsmSource, MissionSource
 
@@ -25,11 +25,11 @@ router = APIRouter(prefix="/api/v1", tags=["designs"], responses=RESPONSES)
 _RUNS = 10
 """Instances on which a design is measured when it is saved."""
 _MEASURING = 0.25
-"""Of the time limit of the workers: after so much, no further experiment begins."""
+"""Share of the workers' time limit after which no further experiment starts."""
 
 
 def _as_in_files(name: str) -> str:
-    """A name that the file of a design may have: there, fewer characters are letters than in pydantic's pattern.
+    """A name that is also valid in a design's file, whose pattern knows fewer letters than pydantic's.
 
     Raises:
         ValueError: It may not have this one.
@@ -73,7 +73,7 @@ class DesignAnswer(BaseModel):
     mission: str
     direction: str
     mean: float | None
-    """Of its scores on the first instances of `mdesign evaluate`."""
+    """Mean of its scores on the first instances of `mdesign evaluate`."""
     runs: int
     created: str
     shared: bool
@@ -102,24 +102,26 @@ class WholeDesign(BaseModel):
 VisibleDesign = Annotated[Design, Depends(visible_design)]
 
 
-def _own(user: TheUser, design: VisibleDesign) -> Design:
+def _changeable(user: TheUser, design: VisibleDesign) -> Design:
     if not user.owns(design.owner):
         raise NotAllowed(f"{design.id} is not yours: only its owner and administrators may change it")
     return design
 
 
-OwnDesign = Annotated[Design, Depends(_own)]
+OwnDesign = Annotated[Design, Depends(_changeable)]
 
 
 @router.post("/designs", status_code=201)
 def save(service: TheService, user: TheUser, body: DesignRequest) -> DesignAnswer:
     """Save an FSM with its mission; it is measured on a few instances first."""
     service.designs.check_number(user.name)
-    machines = machines_given(service, user, body.mission, [body.fsm])
+    machines = requested_machines(service, user, body.mission, [body.fsm])
     new = service.workers.run(new_design, machines)
     seeds = fresh_instances(TEST_SEED, _RUNS)
     try:
-        scores, _ = service.workers.run(run_part, machines, seeds, 0, _MEASURING * service.settings.worker_seconds)
+        scores, _ = service.workers.run(
+            run_experiments, machines, seeds, 0, _MEASURING * service.settings.worker_seconds
+        )
     except TooMuchWork:  # one experiment is too much: the score is not known
         scores = ()
     design = Design(
@@ -149,7 +151,7 @@ def show(service: TheService, design: VisibleDesign) -> WholeDesign:
     """Show a design with its FSM."""
     fsm = FsmSource(name=design.name, text=service.designs.text(design.id, FSM))
     text = service.designs.text(design.id, MISSION)
-    forms = service.workers.run(checked, fsm, MissionSource(text=text), service.settings.limits)
+    forms = service.workers.run(check_fsm, fsm, MissionSource(text=text), service.settings.limits)
     return WholeDesign(design=DesignAnswer.of(design), mission_text=text, fsm=CheckedFsm(**forms))
 
 

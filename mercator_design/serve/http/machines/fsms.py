@@ -11,7 +11,6 @@ from starlette.concurrency import run_in_threadpool
 
 from mercator_design.api import fresh_instances
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
-from mercator_design.serve.http.given import fsm_text, job_source, machines_given, mission_given, mission_of_job
 from mercator_design.serve.http.machines.schemas import (
     CheckedFsm,
     CheckRequest,
@@ -22,9 +21,23 @@ from mercator_design.serve.http.machines.schemas import (
     Winner,
 )
 from mercator_design.serve.http.problems import RESPONSES
+from mercator_design.serve.http.requested import (
+    fsm_of_job,
+    fsm_text,
+    mission_of_job,
+    requested_machines,
+    requested_mission,
+)
 from mercator_design.serve.http.schemas import MAX_SEED, Flavour
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
-from mercator_design.serve.workers.machines import Machines, best_of, checked, compared, replays, run_part
+from mercator_design.serve.workers.machines import (
+    Machines,
+    check_fsm,
+    compare_fsms,
+    replays,
+    run_experiments,
+    winner_of,
+)
 from mercator_design.serve.workers.pool import Busy
 from mercator_design.serve.workers.process import TooMuchWork
 from mercator_design.serve.workers.sources import FsmSource
@@ -32,11 +45,11 @@ from mercator_design.serve.workers.sources import FsmSource
 router = APIRouter(prefix="/api/v1", tags=["fsms"], responses=RESPONSES)
 
 PART_OF_LIMIT = 0.05
-"""Of the time limit of the workers: after so much, an evaluation lets other work in between."""
+"""Share of the workers' time limit after which an evaluation lets other work go first."""
 MAX_OF_LIMIT = 10.0
-"""Of the same: a longer evaluation is refused."""
+"""Multiple of the workers' time limit above which an evaluation is refused."""
 _PAUSE = 1.0
-"""Seconds after which an evaluation asks again for a worker."""
+"""Seconds between two attempts of an evaluation to get a worker."""
 
 T = TypeVar("T")
 
@@ -49,10 +62,10 @@ def modules(flavour: Flavour = "watermelon") -> Modules:
 
 @router.post("/fsms/check")
 def check(service: TheService, user: TheUser, body: CheckRequest) -> CheckedFsm:
-    """Check an FSM: its mistakes; or its forms, its words, its diagram, and what is superfluous in it."""
+    """Check an FSM: its mistakes; or if there are none, its text, explanation, diagram and findings."""
     source = FsmSource(name="", text=fsm_text(body.fsm), flavour=body.flavour)
-    mission = None if body.mission is None else mission_given(service, user, body.mission)
-    return CheckedFsm(**service.workers.run(checked, source, mission, service.settings.limits, narrow=body.narrow))
+    mission = None if body.mission is None else requested_mission(service, user, body.mission)
+    return CheckedFsm(**service.workers.run(check_fsm, source, mission, service.settings.limits, narrow=body.narrow))
 
 
 @router.post("/fsms/evaluate")
@@ -61,10 +74,10 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
     limits, seconds = service.settings.limits, service.settings.worker_seconds
     if body.runs > limits.runs:
         raise LimitReached(f"runs: expected at most {limits.runs}, the limit of this service, found {body.runs}")
-    machines = machines_given(service, user, body.mission, body.fsms)
+    machines = requested_machines(service, user, body.mission, body.fsms)
     seeds, scores, spent = fresh_instances(body.seed, body.runs), list[float](), 0.0
     while len(scores) < (total := len(seeds) * len(machines.fsms)):
-        work = partial(service.workers.run, run_part, machines, seeds, len(scores), PART_OF_LIMIT * seconds)
+        work = partial(service.workers.run, run_experiments, machines, seeds, len(scores), PART_OF_LIMIT * seconds)
         part, taken = await _done(request, work, has_begun=bool(scores))
         scores, spent = [*scores, *part], spent + taken
         if (expected := spent * total / len(scores)) > MAX_OF_LIMIT * seconds:
@@ -72,12 +85,12 @@ async def evaluate(request: Request, service: TheService, user: TheUser, body: E
                 f"{total} experiments would take about {expected:.0f} s; "
                 f"the service allows {MAX_OF_LIMIT * seconds:.0f} s: ask for fewer runs"
             )
-    last = partial(service.workers.run, compared, machines, seeds, body.seed, scores)
+    last = partial(service.workers.run, compare_fsms, machines, seeds, body.seed, scores)
     return EvaluationAnswer(**await _done(request, last, has_begun=True))
 
 
 async def _done(request: Request, work: Callable[[], T], *, has_begun: bool) -> T:
-    """The result of a part of an evaluation; one that has begun waits for a worker as long as its client waits for it.
+    """Result of a part of an evaluation. Once begun, an evaluation waits for a worker as long as its client is there.
 
     Raises:
         NotPossible: Nobody waits for it.
@@ -96,15 +109,15 @@ async def _done(request: Request, work: Callable[[], T], *, has_begun: bool) -> 
 
 @router.post("/fsms/replay")
 def replay(service: TheService, user: TheUser, body: ReplayRequest) -> list[dict[str, Any]]:
-    """Run FSMs on an instance of a mission: what the viewer plays, for each."""
-    return service.workers.run(replays, machines_given(service, user, body.mission, body.fsms), body.seed)
+    """Run FSMs on an instance of a mission, and return a replay of each for the viewer."""
+    return service.workers.run(replays, requested_machines(service, user, body.mission, body.fsms), body.seed)
 
 
 @router.get("/jobs/{id}/winner")
 def winner(service: TheService, row: VisibleJob) -> Winner:
     """Show the winner of a job, or its best so far, also while its race runs."""
     mission = mission_of_job(service, row)
-    return Winner(**service.workers.run(best_of, job_source(service, row), mission, service.settings.limits))
+    return Winner(**service.workers.run(winner_of, fsm_of_job(service, row), mission, service.settings.limits))
 
 
 @router.get("/jobs/{id}/replay")
@@ -116,7 +129,7 @@ def replay_of_job(
         int | None, Query(ge=0, lt=2**63, description="Of its race; by default the winner, or the best so far.")
     ] = None,
 ) -> list[dict[str, Any]]:
-    """Run a configuration of a job on an instance of its mission: what the viewer plays."""
-    source = replace(job_source(service, row), configuration=configuration)
+    """Run a configuration of a job on an instance of its mission, and return the replay for the viewer."""
+    source = replace(fsm_of_job(service, row), configuration=configuration)
     machines = Machines(fsms=(source,), mission=mission_of_job(service, row), limits=service.settings.limits)
     return service.workers.run(replays, machines, seed)

@@ -19,14 +19,14 @@ _Word = Annotated[str, Field(max_length=200)]
 
 
 class ParameterAnswer(BaseModel):
-    """A parameter of a module. Of a word, `words` has the possible ones, and `low` and `high` are of no interest."""
+    """A parameter of a module. A word has its choices in `words`, and its `low` and `high` do not count."""
 
     name: str
     low: float
     high: float
     integer: bool
     middle: float
-    """Of what races try."""
+    """Middle of the sampled range."""
     words: list[str]
     unit: str
     description: str
@@ -43,7 +43,7 @@ class ModuleAnswer(BaseModel):
 
     @classmethod
     def of(cls, number: int, module: Module, words: Words) -> "ModuleAnswer":
-        """The answer on a row of BEHAVIOURS or CONDITIONS."""
+        """Answer for a row of BEHAVIOURS or CONDITIONS."""
         return cls(
             name=module.name,
             number=number,
@@ -71,7 +71,7 @@ def _parameter(one: ModuleParameter, words: Words) -> ParameterAnswer:
 
 
 class Modules(BaseModel):
-    """What FSMs of a flavour are made of."""
+    """Modules of a flavour, and the limits of its FSMs."""
 
     flavour: Flavour
     max_states: int
@@ -175,7 +175,7 @@ class EvaluationRequest(ReplayRequest):
 
 
 class FindingAnswer(BaseModel):
-    """Something in an FSM that a person should look at; a note may well be meant."""
+    """A finding in an FSM; a note may be intended."""
 
     code: str
     place: str
@@ -184,7 +184,7 @@ class FindingAnswer(BaseModel):
 
 
 class CheckedFsm(BaseModel):
-    """What is to be said of an FSM. One that is not valid has errors, and nothing else."""
+    """Result of the check of an FSM; if it is not valid, only errors."""
 
     valid: bool
     errors: list[str]
@@ -206,7 +206,7 @@ class Winner(BaseModel):
 
     configuration: int
     mean: float
-    """Of its scores in the race."""
+    """Mean of its scores in the race."""
     runs: int
     is_winner: bool
     fsm: CheckedFsm
@@ -222,7 +222,7 @@ class EvaluatedFsm(BaseModel):
     standard_deviation: float | None
     quartiles: tuple[float, float, float]
     confidence_interval: tuple[float, float] | None
-    """Of the mean, 95 %, by Student's t."""
+    """95 % interval of the mean, by Student's t."""
 
 
 class FsmPair(BaseModel):
@@ -233,7 +233,7 @@ class FsmPair(BaseModel):
     mean_difference: float
     confidence_interval: tuple[float, float] | None
     p_value: float
-    """Of no difference, by the paired t-test with Holm's correction for all pairs."""
+    """P value of the paired t-test, with Holm's correction for all pairs."""
 
 
 class EvaluationAnswer(BaseModel):

@@ -1,4 +1,4 @@
-"""How clients reach the service: its address, TLS, a proxy, the names that browsers use."""
+"""The network endpoint of the service: address, TLS, proxy, and names that browsers use."""
 
 import ipaddress
 import re
@@ -15,12 +15,12 @@ _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::\d{1,5})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entrance:
-    """How clients reach the service.
+class Endpoint:
+    """Network endpoint of the service.
 
     host: The address on which it listens.
     has_tls: Whether it has a certificate.
-    is_behind_proxy: Whether a proxy is before it, which has a certificate.
+    is_behind_proxy: Whether a proxy with a certificate is in front of it.
     names: Further names by which browsers reach it.
     proxies: Addresses or networks of the proxy.
     """
@@ -33,12 +33,12 @@ class Entrance:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine reaches it: then it may be used without users."""
+        """Whether only this machine reaches it, so that no users are needed."""
         address = _address(self.host)
         is_loopback = self.host == "localhost" if address is None else address.is_loopback
         return is_loopback and not self.is_behind_proxy
 
-    def knows(self, host: str) -> bool:
+    def serves_host(self, host: str) -> bool:
         """Whether a Host header names this service. Another site may have rebound its own name to this machine."""
         found = _HOST.fullmatch(host)
         if found is None:
@@ -52,7 +52,7 @@ class Entrance:
         return name in {self.host.lower(), socket.gethostname().lower()} or _address(name) is not None
 
     def is_proxy(self, address: str) -> bool:
-        """Whether an address is that of the proxy, behind which are many clients."""
+        """Whether an address is that of the proxy, which has many clients."""
         found = _address(address)
         networks = [ipaddress.ip_network(one, strict=False) for one in self.proxies if self.is_behind_proxy]
         return found is not None and any(found in network for network in networks)
@@ -61,7 +61,7 @@ class Entrance:
         """Refuse to open a service to others without users or without TLS.
 
         Raises:
-            ServiceError: with what is missing.
+            ServiceError: The list of what is missing.
         """
         if self.is_local:
             return
@@ -82,7 +82,7 @@ class Entrance:
 
 
 def tls_of(certificate: Path, key: Path) -> ssl.SSLContext:
-    """TLS with a certificate and its key.
+    """TLS context with a certificate and its key.
 
     Raises:
         ServiceError: They cannot be used.
@@ -105,7 +105,7 @@ def tls_of(certificate: Path, key: Path) -> ssl.SSLContext:
 
 
 def network_of(address: str) -> str:
-    """The network that an address counts for: in IPv6 its first 64 bits, because a client can choose the others."""
+    """Network of an address; in IPv6 its first 64 bits, because a client can choose the others."""
     found = _address(address.partition("%")[0])
     if isinstance(found, ipaddress.IPv6Address):
         return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
@@ -117,7 +117,7 @@ def _data(users: Users) -> Path:
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """The address that a text is, if it is one."""
+    """Address in a text; None if it is not one."""
     try:
         return ipaddress.ip_address(host)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Missions and FSMs that requests name: where they come from, if the user may see them."""
+"""Sources of the missions and FSMs that a request names, if the user may see them."""
 
 import json
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ def visible_design(
     return design
 
 
-def mission_given(service: Service, user: User, body: MissionBody) -> MissionSource:
-    """The mission that a request names.
+def requested_mission(service: Service, user: User, body: MissionBody) -> MissionSource:
+    """The mission in a request.
 
     Raises:
         Missing: The user may not see its job or design.
@@ -64,13 +64,13 @@ def mission_of_job(service: Service, row: IndexRow) -> MissionSource:
     return MissionSource.of(service.store.request(row.id))
 
 
-def job_source(service: Service, row: IndexRow, name: str = "") -> FsmSource:
+def fsm_of_job(service: Service, row: IndexRow, name: str = "") -> FsmSource:
     """The winner of a job, or its best so far."""
     return FsmSource(name=name or row.id, folder=run_folder(service, row))
 
 
-def machines_given(service: Service, user: User, mission: MissionBody, fsms: Sequence[FsmBody]) -> Machines:
-    """The FSMs that a request names, with different names, and the mission.
+def requested_machines(service: Service, user: User, mission: MissionBody, fsms: Sequence[FsmBody]) -> Machines:
+    """The FSMs in a request, with unique names, and its mission.
 
     Raises:
         Missing: The user may not see a job or design.
@@ -83,11 +83,13 @@ def machines_given(service: Service, user: User, mission: MissionBody, fsms: Seq
         if body.fsm is not None:
             found.append(FsmSource(name=name, text=fsm_text(body.fsm), flavour=body.flavour))
         elif body.job:
-            found.append(job_source(service, visible_job(service, user, body.job), name))
+            found.append(fsm_of_job(service, visible_job(service, user, body.job), name))
         else:
             text = service.designs.text(visible_design(service, user, body.design).id, FSM)
             found.append(FsmSource(name=name, text=text))
-    return Machines(fsms=tuple(found), mission=mission_given(service, user, mission), limits=service.settings.limits)
+    return Machines(
+        fsms=tuple(found), mission=requested_mission(service, user, mission), limits=service.settings.limits
+    )
 
 
 def fsm_text(fsm: str | StructuredFsm) -> str:
@@ -96,5 +98,5 @@ def fsm_text(fsm: str | StructuredFsm) -> str:
 
 
 def run_folder(service: Service, row: IndexRow) -> Path:
-    """The run folder of a job, for the workers, which work in another folder."""
+    """Absolute path of a job's run folder, for the workers, which run in another folder."""
     return service.store.run_folder(row.id).resolve()

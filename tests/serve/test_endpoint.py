@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from mercator_design.serve.accounts.entrance import Entrance, tls_of
+from mercator_design.serve.accounts.endpoint import Endpoint, tls_of
 from mercator_design.serve.accounts.users import Users
 from mercator_design.serve.settings import ServiceError
 
@@ -18,53 +18,53 @@ def users(tmp_path, clock):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_this_machine_needs_nothing(users, host):
-    assert Entrance(host=host).is_local
-    Entrance(host=host).check(users)
+    assert Endpoint(host=host).is_local
+    Endpoint(host=host).check(users)
 
 
 @pytest.mark.parametrize("host", [ANY, "::", "192.0.2.1", "lab.example.org", "", "127.0.0.1.example"])
 def test_others_need_a_user_and_tls(users, host):
-    assert not Entrance(host=host).is_local
+    assert not Endpoint(host=host).is_local
     with pytest.raises(ServiceError) as refused:
-        Entrance(host=host).check(users)
+        Endpoint(host=host).check(users)
     first, second = refused.value.messages
     assert "mdesign users add NAME --data" in first
     assert "--certificate FILE --key FILE" in second
     assert "--behind-proxy" in second
     users.add("ana")
     with pytest.raises(ServiceError, match="expected TLS"):
-        Entrance(host=host).check(users)
-    Entrance(host=host, has_tls=True).check(users)
+        Endpoint(host=host).check(users)
+    Endpoint(host=host, has_tls=True).check(users)
 
 
 def test_a_user_must_have_a_token(users, clock):
-    entrance = Entrance(host=ANY, has_tls=True)
+    endpoint = Endpoint(host=ANY, has_tls=True)
     users.add("ana", days=1)
     users.add("bob")
     users.revoke("bob")
-    entrance.check(users)
+    endpoint.check(users)
     clock.seconds = 86_400
     with pytest.raises(ServiceError, match="expected a user"):
-        entrance.check(users)
+        endpoint.check(users)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", ANY])
 def test_a_proxy_needs_a_user_and_names_also_on_this_machine(users, host):
     with pytest.raises(ServiceError, match="expected a user"):
-        Entrance(host=host, is_behind_proxy=True, names=("a",)).check(users)
+        Endpoint(host=host, is_behind_proxy=True, names=("a",)).check(users)
     users.add("ana")
     with pytest.raises(ServiceError, match=r"hosts: \[NAME, ...\] in .*serve.yaml"):
-        Entrance(host=host, is_behind_proxy=True).check(users)
+        Endpoint(host=host, is_behind_proxy=True).check(users)
     with pytest.raises(ServiceError, match=r"proxies: an address or a network, found proxy\.example"):
-        Entrance(host=host, is_behind_proxy=True, names=("a",), proxies=("proxy.example",)).check(users)
-    Entrance(host=host, is_behind_proxy=True, names=("a",), proxies=("10.0.0.0/8", "::1")).check(users)
+        Endpoint(host=host, is_behind_proxy=True, names=("a",), proxies=("proxy.example",)).check(users)
+    Endpoint(host=host, is_behind_proxy=True, names=("a",), proxies=("10.0.0.0/8", "::1")).check(users)
 
 
 def test_a_damaged_file_of_users_stops_the_start(users):
     users.add("ana")
     users.file.write_text("{")
     with pytest.raises(ServiceError, match="expected JSON"):
-        Entrance(host=ANY, has_tls=True).check(users)
+        Endpoint(host=ANY, has_tls=True).check(users)
 
 
 def test_a_certificate(certificate):
@@ -72,11 +72,11 @@ def test_a_certificate(certificate):
 
 
 def test_addresses_of_the_proxy():
-    entrance = Entrance(is_behind_proxy=True, proxies=("10.0.0.0/8", "::1"))
-    assert [entrance.is_proxy(one) for one in ("10.1.2.3", "::1", "11.0.0.1", "127.0.0.1", "unknown")] == [
+    endpoint = Endpoint(is_behind_proxy=True, proxies=("10.0.0.0/8", "::1"))
+    assert [endpoint.is_proxy(one) for one in ("10.1.2.3", "::1", "11.0.0.1", "127.0.0.1", "unknown")] == [
         True, True, False, False, False,
     ]  # fmt: skip
-    assert not Entrance(proxies=("10.0.0.0/8",)).is_proxy("10.1.2.3")
+    assert not Endpoint(proxies=("10.0.0.0/8",)).is_proxy("10.1.2.3")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A race that a process of ours runs: why it is stopped, and what its end means for its job."""
+"""A race in a process of this service: the reason of its stop, and the consequences of its end for the job."""
 
 import errno
 import logging
@@ -16,21 +16,21 @@ from mercator_design.serve.jobs.races import RaceStatus
 _log = logging.getLogger(__name__)
 
 NO_SPACE = "waits until there is space on the disk"
-"""What a job waits for that found the disk full."""
+"""Message of a job that found the disk full."""
 _MIN_EXPERIMENTS = 10
-"""Experiments by whose pace the remaining time is estimated: before them, a race compiles."""
+"""Minimum number of experiments for an estimate of the remaining time."""
 _MAX_DEATHS = 3
-"""Deaths of a job's process without progress after which the job fails."""
+"""Maximum number of deaths of a job's process without progress."""
 _INTERRUPTED = (75, 130)
 """Exit codes of a race that can be resumed."""
 _FULL = tuple(map(os.strerror, (errno.ENOSPC, errno.EDQUOT)))
 
-Why: TypeAlias = Literal["", "wish", "disk", "time", "service"]
+StopReason: TypeAlias = Literal["", "wish", "disk", "time", "service"]
 
 
 @dataclass(slots=True)
-class Running:
-    """A race that a process of ours runs."""
+class RunningRace:
+    """A race in a process of this service."""
 
     job: Job
     process: RaceProcess
@@ -41,17 +41,17 @@ class Running:
     n_before: int  # experiments
     read_at: float = -math.inf  # when its journal was looked at
     first_progress: tuple[float, int] | None = None  # when it was seen, and the experiments then
-    stopped_for: Why = ""
+    stopped_for: StopReason = ""
     stopped_at: float = 0.0
 
-    def stop(self, why: Why, clock: float) -> None:
-        """Ask it to stop, unless it was asked before."""
+    def stop(self, why: StopReason, clock: float) -> None:
+        """Terminate the process, unless that was done before."""
         if not self.stopped_for:
             self.stopped_for, self.stopped_at = why, clock
             self.process.terminate()
 
     def seconds(self, clock: float) -> float:
-        """That the job's races have run, with this one."""
+        """Total run time of the job's races [s]."""
         return round(self.job.seconds + clock - self.unsaved_since, 1)
 
     def job_at(self, clock: float) -> Job:
@@ -59,7 +59,7 @@ class Running:
         return replace(self.job, seconds=self.seconds(clock))
 
     def left(self, clock: float) -> float | None:
-        """Seconds that the race still takes, by its pace since its first experiment here; None if not known yet."""
+        """Estimated remaining time [s], from the pace since the first experiment here; None if unknown."""
         done = self.status.view.n_experiments
         if self.first_progress is None and done > self.n_before:
             self.first_progress = (clock, done)
@@ -70,20 +70,20 @@ class Running:
 
     @property
     def message(self) -> str:
-        """What it is about to do."""
+        """Message on its next state; empty if there is none."""
         wish = "go on" if self.job.wish == "run" else self.job.wish
         stops = {"wish": f"stopping, to {wish}", "disk": "stopping: the disk is nearly full"}
         return stops.get(self.stopped_for, "")
 
     def read_on(self) -> None:
-        """Read what is new in its journal; the race itself reports what is wrong there."""
+        """Read new events in its journal. The race itself reports damage."""
         try:
             self.status.read_on()
         except RaceError as error:
             _log.warning("%s", error)
 
-    def wait(self, code: int, shortage: str) -> str:
-        """What its job waits for, when the process has ended before the race; empty if it does not wait."""
+    def reason_to_wait(self, code: int, shortage: str) -> str:
+        """Reason for which the job waits after the end of its process; empty if it does not wait."""
         if self.stopped_for == "disk":
             return shortage or NO_SPACE
         if not self.stopped_for and code > 0 and any(one in last_error(self.output) for one in _FULL):
@@ -91,16 +91,16 @@ class Running:
         return ""
 
     def is_interrupted(self, code: int) -> bool:
-        """Whether the process has ended with something left to do, with this exit code: the race, or its report."""
+        """Whether the process ended, with this exit code, before the race and its report were complete."""
         return code != 0 and (bool(self.stopped_for) or code < 0 or code in _INTERRUPTED)
 
     def failure(self, code: int, deaths: int, hours: float) -> str:
-        """Why its job fails, when the process has ended before the race; empty if it goes on.
+        """Reason for which the job fails after the end of its process; empty if it goes on.
 
         Args:
             code: The exit code; negative: the signal that has killed it.
-            deaths: Of processes of the job without progress.
-            hours: That a job may run.
+            deaths: Number of deaths of the job's processes without progress.
+            hours: Time limit of a job [h].
         """
         if self.stopped_for == "time":
             return f"it has run for {hours:g} h, the limit of this service; resume it to go on"

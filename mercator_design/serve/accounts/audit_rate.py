@@ -1,30 +1,30 @@
-"""Lines of unknown senders in the audit log: an address gets few, so nobody fills the log without a login."""
+"""Limit of the audit log's lines on unknown senders, so that nobody fills the log without a login."""
 
 from collections import OrderedDict
 from collections.abc import Callable
 
-from mercator_design.serve.accounts.entrance import network_of
+from mercator_design.serve.accounts.endpoint import network_of
 
 MAX_LINES = 10
-"""Lines of an address at once."""
+"""Maximum number of lines of an address at once."""
 PERIOD = 6.0
-"""Seconds after which it gets one more."""
+"""Seconds after which an address is allowed one more line."""
 MAX_ADDRESSES = 10_000  # that are remembered
 
 
-class AuditNoise:
-    """Counts the lines of addresses.
+class AuditRateLimit:
+    """Limit of lines for each address.
 
     Args:
-        clock: Seconds that have passed since some time.
+        clock: Monotonic time [s].
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._found: OrderedDict[str, tuple[float, float]] = OrderedDict()  # lines that count, as of a time
 
-    def is_too_much(self, address: str) -> bool:
-        """Whether an address has had its lines; if not, this is one more."""
+    def is_exceeded(self, address: str) -> bool:
+        """Whether an address has used up its lines; if not, count one more."""
         network, now = network_of(address), self._clock()
         lines, since = self._found.get(network, (0.0, 0.0))
         lines = max(0.0, lines - (now - since) / PERIOD)

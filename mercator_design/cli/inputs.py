@@ -78,13 +78,13 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
     if sets_model or given["robot_model"] is not None:
         return simulator
     name = excerpt(simulator.robot_model.name)
-    differs = origin.what_differs(simulator.robot_model)
-    if differs is None:
+    has_changed = origin.has_changed(simulator.robot_model)
+    if has_changed is None:
         warn(f"{fsm}: has no digest of its robot model: it cannot be checked whether {name} has changed")
-    if not differs:
+    if not has_changed:
         return simulator
     if given["mission"] is None:
-        what = f"the robot model {name} has changed since this was designed ({differs})"
+        what = f"the robot model {name} has changed since this was designed"
         raise MissionError(f"{fsm}: {what}; to use it as it is now, give --robot-model {mission.robot_model}")
     designed = excerpt(header.get("robot model", "another"))
     warn(f"{fsm}: was designed for another version of the robot model {designed} than the present {name}")

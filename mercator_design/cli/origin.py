@@ -67,19 +67,14 @@ class Origin:
     def _edited(name: str) -> str:
         return f"{excerpt(name)} has changed since this was designed"
 
-    def what_differs(self, model: RobotModel) -> str | None:
-        """The difference between a robot model and that at design; empty if there is none, None if it is not known."""
+    def has_changed(self, model: RobotModel) -> bool | None:
+        """Whether a robot model differs from that at design; None if it is not known."""
         found = digest_of(model)
         digests = [self.header.get("robot model digest"), self.race.get("robot_model_digest")]
         known = [digest for digest in digests if digest is not None]
         if known:
-            return "" if all(digest == found for digest in known) else "its digest"
-        if self.header.get("robot model", model.name) != model.name:
-            return "its name"
-        speed = model.drive.maximum_speed
-        if self.header.get("maximum speed", str(speed)) != str(speed):
-            return f"its maximum speed, {excerpt(self.header['maximum speed'])} then and {speed} now"
-        return None if "mission" in self.header else ""
+            return any(digest != found for digest in known)
+        return None if "mission" in self.header else False
 
 
 def origin_of(file: Path, header: Mapping[str, str]) -> Origin:

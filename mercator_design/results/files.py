@@ -19,10 +19,8 @@ from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.results.provenance import PROVENANCE, Provenance, not_a_run_folder
 from mercator_design.results.provenance import read as read_provenance_file
-from mercator_design.system.files import Unreadable, read_small
 
 JOURNAL = "journal.jsonl"
-_MAX_SIZE = 1024 * 1024  # bytes of the file of a winner
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
 """The tasks, by their names in the start of a race."""
 _VERBS: Mapping[str, str] = {"mission": "race", "scenario": "tune"}
@@ -138,7 +136,7 @@ def read_journal(path: Path, before: Reading | None = None) -> Reading:
 
 
 def wrong_end(path: Path, record: Record) -> str:
-    """Compare the end of a journal with the provenance or the winner's file; return what is wrong, or nothing.
+    """Compare the end of a journal with the provenance; return what is wrong, or nothing.
 
     This finds missing lines at the end, which the checksums do not show.
 
@@ -146,32 +144,17 @@ def wrong_end(path: Path, record: Record) -> str:
         RaceError: if the folder's provenance cannot be read.
     """
     provenance = read_provenance(path)
-    found = {str(end.budget): end.digest for end in record.ends}
-    if provenance.finished is not None:
-        file, expected, budget = PROVENANCE, provenance.journal or "", str(provenance.budget)
-        after = f" after {provenance.experiments} experiments"
-    else:  # interrupted before the provenance was completed, perhaps after the winner's file was written
-        file, after = TASKS[str(provenance.race["task"])].WINNER, ""
-        header = _comments(path / file)
-        expected, budget = header.get("journal", ""), header.get("budget", "")
-    if not expected or any(digest.startswith(expected) for digest in found.values()):
+    found = {end.budget: end.digest for end in record.ends}
+    expected, budget = provenance.journal, provenance.budget
+    if expected is None or expected in found.values():
         return ""
     if budget in found:
-        return f"{path / JOURNAL}: expected the digest {expected[:64]}, as {file} says, found {found[budget]}"
+        return f"{path / JOURNAL}: expected the digest {expected[:64]}, as {PROVENANCE} says, found {found[budget]}"
     return (
-        f"{path / JOURNAL}: expected the end of the race{after}, as {file} says, found none after "
-        f"{len(record.experiments)} experiments: lines are missing at its end; --resume runs their experiments again"
+        f"{path / JOURNAL}: expected the end of the race after {provenance.experiments} experiments, as {PROVENANCE} "
+        f"says, found none after {len(record.experiments)} experiments: lines are missing at its end; --resume runs "
+        "their experiments again"
     )
-
-
-def _comments(file: Path) -> dict[str, str]:
-    """The header of a winner's file: its comments `# key: value`; empty if there is no such file."""
-    try:
-        lines = read_small(file, _MAX_SIZE).decode(errors="replace").splitlines()
-    except Unreadable:
-        return {}
-    found = [line.lstrip("# ").partition(": ") for line in lines if line.startswith("#")]
-    return {key: value.strip() for key, _, value in found}
 
 
 def check_same(path: Path, record: Record, provenance: Provenance) -> None:

@@ -1,7 +1,6 @@
 import contextlib
 import functools
 import os
-import queue
 import signal
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from tests.processes import LIMIT, started, wait_until
 from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
 from tests.race.test_target import gone
-from tests.race.work import Dies, DiesLoading, Hangs, begins, compiles, process_of, square, survives
+from tests.race.work import Dies, DiesLoading, Hangs, begins, process_of, square, survives
 
 
 class TestAvailableJobs:
@@ -150,17 +149,6 @@ class TestProcesses(WorkersConformance):
 
 
 class TestWorkers:
-    @pytest.mark.thorough
-    def test_those_that_compile_say_so_while_they_run(self):
-        said = queue.SimpleQueue()
-        with ProcessExecutor(2, announce=said.put) as executor:
-            assert dict(executor.run(compiles, range(4))) == {k: k for k in range(4)}
-            words = [said.get(timeout=LIMIT).split()]
-            if words[0][0] == "1":  # the other one began later
-                words.append(said.get(timeout=LIMIT).split())
-        assert sum(int(line[0]) for line in words) == 2
-        assert all("compile" in line[2] for line in words)
-
     def test_one_that_dies_costs_a_repetition_and_what_kills_all_is_given_up(self, tmp_path):
         """It ran again where it had killed once; others are not affected."""
         with ProcessExecutor(2) as executor:

@@ -177,5 +177,5 @@ def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         return executor
     if name == "processes":
-        return ProcessExecutor(jobs, timeout=timeout, announce=announce)
+        return ProcessExecutor(jobs, timeout=timeout)
     return ThreadExecutor(jobs)

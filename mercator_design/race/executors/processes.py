@@ -1,8 +1,6 @@
 """Runs experiments in worker processes of this machine."""
 
 import collections
-import contextlib
-import multiprocessing
 import os
 import signal
 import threading
@@ -13,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from mercator_design.errors import described
-from mercator_design.race.executors.compiling import CompilingWorkers, noting
 from mercator_design.race.executors.executor import (
     DIES,
     MAX_WAIT,
@@ -25,8 +22,6 @@ from mercator_design.race.executors.executor import (
 )
 
 if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
-
     from joblib.externals.loky import ProcessPoolExecutor
 
 T = TypeVar("T")
@@ -38,8 +33,6 @@ MAX_TIMEOUTS = 2
 """Timeouts after which an experiment fails: the first may be an accident."""
 START = 60.0
 """Additional seconds for the first experiment of a new worker, which loads modules and kernels."""
-_to_main: "list[Connection]" = []
-"""In a worker: the connection that its notes go to."""
 _CHECK_EVERY = 1.0
 """Seconds between two checks of a worker that its main process is alive."""
 
@@ -67,7 +60,6 @@ class ProcessExecutor:
         jobs: Number of processes. [default: the cores that it may use]
         timeout: Maximum seconds of an experiment. [default: no limit]
         clock: Returns the time [s].
-        announce: Called with a message when workers compile, perhaps in another thread.
 
     Raises:
         RaceError: `jobs` is below 1.
@@ -79,31 +71,20 @@ class ProcessExecutor:
         *,
         timeout: float | None = None,
         clock: Callable[[], float] = time.monotonic,
-        announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     ) -> None:
         self.jobs = checked_jobs(jobs)
         self._timeout, self._clock = timeout, clock
-        self._compiling = CompilingWorkers(announce)
         self._workers: list[ProcessPoolExecutor] = []  # of one process each
         self._new: set[int] = set()  # indices of workers that have not finished an experiment yet
 
     def __enter__(self) -> Self:
-        received, self._notes = multiprocessing.Pipe(duplex=False)
-        threading.Thread(target=self._receive, args=(received,), daemon=True).start()
-        self._workers = [_worker(self._notes) for _ in range(self.jobs)]
+        self._workers = [_worker() for _ in range(self.jobs)]
         self._new = set(range(self.jobs))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         for worker in self._workers:
             worker.shutdown(wait=True, kill_workers=kind is not None)
-        self._notes.close()
-
-    def _receive(self, notes: "Connection") -> None:
-        """Take the notes of workers, until the last of them has ended."""
-        with notes, contextlib.suppress(EOFError):
-            while True:
-                self._compiling.add(notes.recv())
 
     def stop(self) -> None:
         """Do nothing: `run` never waits for workers."""
@@ -119,7 +100,7 @@ class ProcessExecutor:
         while True:
             while idle and (job := retries.popleft() if retries else next(todo, None)) is not None:
                 place, begin = idle.pop(), self._clock()  # before the hand-out: the worker may begin during it
-                future = self._submit(place, _call, packed, job.item)
+                future = self._submit(place, call_packed, packed, job.item)
                 if self._timeout is not None:
                     job.deadline = begin + self._timeout + START * (place in self._new)
                 running[future] = place, job
@@ -168,7 +149,7 @@ class ProcessExecutor:
     def _replace(self, place: int) -> None:
         """Put a new worker in the place of one that is dead or too slow."""
         self._workers[place].shutdown(wait=True, kill_workers=True)
-        self._workers[place] = _worker(self._notes)
+        self._workers[place] = _worker()
         self._new.add(place)
 
     def _done(self, running: Iterable["Future[R]"], deadline: float) -> set["Future[R]"]:
@@ -207,21 +188,14 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
     return Failed(described(error, 500), error if isinstance(error, Exception) else None)
 
 
-def _worker(notes: "Connection") -> "ProcessPoolExecutor":
+def _worker() -> "ProcessPoolExecutor":
     from joblib.externals.loky import ProcessPoolExecutor
 
-    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(), notes))
+    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(),))
 
 
-def _call(packed: bytes, item: Any) -> Any:  # noqa: ANN401 - the function's types
-    """In a worker: as `call_packed`."""
-    with noting(_to_main[0].send):
-        return call_packed(packed, item)
-
-
-def _start_worker(main: int, notes: "Connection") -> None:
+def _start_worker(main: int) -> None:
     """Ignore signals, which Ctrl-C and schedulers send to all processes; end when the main process has ended."""
-    _to_main.append(notes)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(main,), daemon=True).start()

@@ -45,18 +45,6 @@ class RunnerCall:
     arguments: str  # switches and values, joined by blanks
 
 
-class Count:
-    """A counter for several threads."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._lock = threading.Lock()
-
-    def add(self) -> None:
-        with self._lock:
-            self.count += 1
-
-
 class TargetFailed(RaceError):  # noqa: N818 - as TimeoutExpired, it says what happened
     """A target runner failed; the message has its output and its command."""
 
@@ -73,7 +61,7 @@ class Target:
     timeout: Time limit of a run [s]; 0: none.
     retries: How often a failed run is tried again.
     stop: Set to end all running programs.
-    n_started: How often the runner was started.
+    started: The configurations with which the runner was started.
     """
 
     runner: Path
@@ -84,7 +72,7 @@ class Target:
     timeout: float = 0.0
     retries: int = 0
     stop: threading.Event = field(default_factory=threading.Event, compare=False)
-    n_started: Count = field(default_factory=Count, compare=False)
+    started: list[int] = field(default_factory=list, compare=False)
 
     def command(self, call: RunnerCall) -> list[str]:
         """The program and its arguments.
@@ -141,7 +129,7 @@ class Target:
 
     def _run(self, call: RunnerCall) -> float:
         command = self.command(call)
-        self.n_started.add()
+        self.started.append(call.configuration)
         numbers, printed = self._numbers(command)
         if self.evaluator is None:
             return _cost(numbers, printed, command)

@@ -111,7 +111,7 @@ class Tuner(Task[RunnerCall]):
 
     def runs(self, experiments: int, tests: int) -> list[str]:
         """How often the target runner ran."""
-        n = self.scenario.target.n_started.count
+        n = len(self.scenario.target.started)
         parts = [f"{experiments} experiments"] * (experiments > 0) + [f"{tests} tests"] * (tests > 0)
         if n > experiments + tests:
             parts.append(f"{n - experiments - tests} speculative or repeated")

@@ -68,7 +68,11 @@ CHOCOLATE = {
     "--p0x1 0.5 --s1 4 --att1 4 --n1 2 --n1x0 1 --c1x0 5 --p1x0 0.02 --n1x1 2 --c1x1 0 --p1x1 0.2 --s2 5 --rep2 4 "
     "--n2 1 --n2x0 0 --c2x0 5 --p2x0 0.02 --s3 1 --n3 1 --n3x0 1 --c3x0 5 --p3x0 0.01",
 }
-SHELTERS = ("shelter", "shelter_around", "shelter_behind", "shelter_bis", "shelter_black", "shelter_fifty_fifty")
+SHELTERS = (
+    *("shelter", "shelter_around", "shelter_behind", "shelter_bis", "shelter_black", "shelter_fifty_fifty"),
+    "nata_shelter_half",
+)
+ROBOTS = ("epuck", "mercator")
 FAR = ("aggregation_single_spot", "mate_lcf")  # where robots start far from where they count
 NEEDS_TIME = frozenset((*SHELTERS, "chocolate_sca", *FAR))
 # The third FSM of missions on which the usual three score near nothing.
@@ -87,7 +91,7 @@ INSTEAD: dict[str, tuple[tuple[str, ...], str]] = {
         "--nstates 2 --s0 2 --n0 1 --n0x0 0 --c0x0 0 --p0x0 0.1 --s1 1",
     ),
     "from black to the light": (
-        ("vanilla_foraging",),
+        ("vanilla_foraging", *(f"transfer_{each}foraging_{robot}" for each in ("", "small_") for robot in ROBOTS)),
         "--nstates 2 --s0 0 --rwm0 5 --n0 1 --n0x0 0 --c0x0 0 --p0x0 1 --s1 2 --n1 1 --n1x0 0 --c1x0 2 --p1x0 1",
     ),
 }
@@ -95,7 +99,7 @@ INSTEAD: dict[str, tuple[tuple[str, ...], str]] = {
 
 def fsms(mission: Mission) -> tuple[str, dict[str, str]]:
     """The flavour that a mission's robots run, and the three FSMs of it."""
-    flavour, texts = ("chocolate", CHOCOLATE) if mission.robot_model == "epuck" else ("watermelon", WATERMELON)
+    flavour, texts = ("watermelon", WATERMELON) if mission.robot_model == "mercator" else ("chocolate", CHOCOLATE)
     for label, (names, text) in INSTEAD.items():
         if mission.name in names:
             first, second, _ = texts.items()
@@ -115,7 +119,7 @@ def possible(mission: Mission) -> tuple[float, float]:
     name, parameters = mission.objective.name, mission.objective.parameters
     if name == "color_value":
         most = mission.robots * max(parameters["values"].values())
-    elif name.startswith("robots_in_"):
+    elif name.startswith("robots_in_") or name in {"robots_evenly_in_zones", "zone_difference"}:
         most = 1 if parameters.get("share") else mission.robots
     else:
         most = math.inf

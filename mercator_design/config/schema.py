@@ -265,8 +265,14 @@ def values_in(
     value: Any,  # noqa: ANN401 - of that kind
     path: str = "",
 ) -> Iterator[tuple[Kind, Any, str]]:
-    """A value of a kind and all values in it, each with its annotation and its path, as "zones[0]"."""
+    """A value of a kind and all values in it, each with its annotation and its path, as "zones[0]".
+
+    Keys of a mapping are values, too, of the path of their entry.
+    """
     yield kind, value, path
+    base, _ = unwrapped(kind)
+    if origin_of(base) is Mapping:
+        yield from ((typing.get_args(base)[0], key, f"{path}.{key}".removeprefix(".")) for key in value)
     for step, part_kind, part in _parts(kind, value):
         yield from values_in(part_kind, part, (path + step).removeprefix("."))
 

@@ -42,10 +42,16 @@ def zone_contains(floor: FloorTable, index: int, x: float, y: float) -> bool:
 @jittable
 def any_contains(floor: FloorTable, rows: Numbers, x: float, y: float) -> bool:
     """Whether one of the zones in these rows contains a point."""
-    for row in rows:  # noqa: SIM110 - a kernel
-        if zone_contains(floor, row, x, y):
-            return True
-    return False
+    return first_containing(floor, rows, x, y) >= 0
+
+
+@jittable
+def first_containing(floor: FloorTable, rows: Numbers, x: float, y: float) -> int:
+    """The index in `rows` of the first zone that contains a point; -1 if none does."""
+    for k in range(len(rows)):
+        if zone_contains(floor, rows[k], x, y):
+            return k
+    return -1
 
 
 @jittable

@@ -519,6 +519,20 @@ objective:
         ),
         ("name: trips, sources: [spot], nests: [spot]", r"m:\d+: objective.nests\[0\]: 'spot' is a source too"),
         ("name: colour_value, values: {black: 0, red: 0}", r"m:\d+: objective.values: expected one that is not 0"),
+        ("name: zone_value, values: {spot: 0}", r"m:\d+: objective.values: expected one that is not 0"),
+        ("name: zone_value, values: {}", r"m:\d+: objective.values: expected a mapping of keys of at least 1"),
+        ("name: zone_value, values: {spto: 2}", r"m:\d+: objective.values.spto: no zone is called 'spto'; did you mean"),
+        ("name: zone_value, values: {spot: 2e6}", r"m:\d+: objective.values.spot: expected a number >= -1"),
+        ("name: zone_difference, zones: [spot]", r"m:\d+: objective.zones: expected a list of at least 2"),
+        ("name: robots_evenly_in_zones, zones: [spot]", r"m:\d+: objective.zones: expected a list of at least 2"),
+        (
+            "name: trips, sources: [spot], nests: [ring], values: {ring: 2}",
+            r"m:\d+: objective.values.ring: 'ring' is not among the sources",
+        ),
+        (
+            "name: trips, sources: [spot], nests: [ring], values: {spot: 0}",
+            r"m:\d+: objective.values: expected a source whose value is not 0",
+        ),
     ],
 )
 def test_parameters_of_an_objective_are_checked_when_it_is_read(objective, message):

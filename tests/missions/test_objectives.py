@@ -26,7 +26,10 @@ from mercator_design.missions.objectives.in_zones import (
     color_value,
     robots_in_emptiest_zone,
     robots_in_fullest_zone,
+    robots_evenly_in_zones,
     robots_in_zone,
+    zone_difference,
+    zone_value,
     zones_in_color,
 )
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
@@ -57,6 +60,7 @@ EVERY_PARAMETER = {
     "network_share": {"zones": ("spot",), "link": 2.0},
     "pair_distance": {},
     "path_length": {},
+    "robots_evenly_in_zones": {"zones": ("spot", "nest"), "when": "always", "share": True},
     "robots_in_emptiest_zone": {"zones": ("spot", "nest"), "when": "always", "share": True},
     "robots_in_fullest_zone": {"zones": ("spot", "nest"), "when": "always"},
     "robots_where_told": {"signal": "spot", "places": {"black": "nest", "white": "spot"}},
@@ -70,7 +74,9 @@ EVERY_PARAMETER = {
         "circle_radius": 0.3,
     },
     "surface_distance": {"square_center": (0.0, 0.0), "square_side": 2.0},
-    "trips": {"sources": ("spot", "other"), "nests": ("nest",)},
+    "trips": {"sources": ("spot", "other"), "nests": ("nest",), "values": {"other": -0.5}},
+    "zone_difference": {"zones": ("spot", "nest"), "when": "always"},
+    "zone_value": {"values": {"spot": 2.0, "yolk": 1.0, "nest": -0.5}, "outside": 0.25, "when": "always"},
     "zones_in_color": {"zones": ("tiles", "spot"), "color": "red", "when": "always"},
 }
 
@@ -212,6 +218,28 @@ class TestTrips:
         assert trips(walk(AWAY, (0.0, 0.0), SPOT), **zones) == 1
 
 
+    @pytest.mark.parametrize(
+        ("places", "expected"),
+        [
+            ([AWAY, OTHER, NEST], -2.0),
+            ([AWAY, OTHER, SPOT, NEST, SPOT, NEST], -2.0 + 1.0),  # it kept what it had; a spot counts 1
+            ([AWAY, SPOT, OTHER, NEST, NEST, OTHER, NEST], 1.0 - 2.0),
+            ([AWAY, (0.0, 0.0), NEST], 1.0),  # on the spot and the yolk: the first of the list
+        ],
+    )
+    def test_a_source_has_a_value(self, places, expected):
+        found = trips(walk(*places), sources=("spot", "other", "yolk"), nests=("nest",), values={"other": -2, "yolk": 7})
+        assert found == expected
+        assert isinstance(found, float)
+
+    def test_each_tile_of_a_source_has_its_value(self):
+        tiles = {"sources": ("other", "tiles"), "nests": ("nest",), "values": {"tiles": 0.5}}
+        assert trips(walk(AWAY, (6.0, 0.0), NEST, (5.0, 0.0), NEST, OTHER, NEST), **tiles) == 0.5 + 0.5 + 1.0
+
+    def test_every_robot_has_what_it_took(self):
+        assert trips(trace([[AWAY, AWAY], [SPOT, OTHER], [NEST, NEST]]), **ZONES, values={"spot": 10.0}) == 11.0
+
+
 class TestShares:
     ROBOTS = trace([[AWAY] * 4, [SPOT, SPOT, OTHER, AWAY], [SPOT, OTHER, OTHER, OTHER]])
     SPOTS = ("spot", "other")
@@ -231,6 +259,59 @@ class TestShares:
         assert robots_in_emptiest_zone(self.ROBOTS, zones=self.SPOTS, when="always") == 1.0 + 1.0
         half = trace([[AWAY] * 4, [SPOT, SPOT, OTHER, OTHER]])
         assert robots_in_emptiest_zone(half, zones=self.SPOTS, share=True) == 1.0
+
+
+    def test_difference_of_two_zones(self):
+        """Robots on spot and other: 2 and 1, then 1 and 3."""
+        assert zone_difference(self.ROBOTS, zones=self.SPOTS) == 2.0
+        assert zone_difference(self.ROBOTS, zones=self.SPOTS[::-1], share=True) == 0.5
+        assert zone_difference(self.ROBOTS, zones=self.SPOTS, when="always") == 1.0 + 2.0
+        assert zone_difference(self.ROBOTS, zones=self.SPOTS, when="always", share=True) == 0.25 + 0.5
+
+    def test_difference_of_more_zones_is_of_the_fullest_and_the_emptiest(self):
+        assert zone_difference(self.ROBOTS, zones=(*self.SPOTS, "nest"), when="always") == 2.0 + 3.0
+
+
+class TestEvenly:
+    """Ten robots on two zones, of which some are elsewhere: q is 5."""
+
+    @pytest.mark.parametrize(
+        ("spot", "other", "expected"),
+        [(5, 5, 10), (4, 6, 8), (4, 5, 9), (5, 0, 5), (10, 0, 0), (7, 3, 6), (0, 0, 0)],
+    )
+    def test_against_the_formula(self, spot, other, expected):
+        robots = trace([[AWAY] * 10, [SPOT] * spot + [OTHER] * other + [AWAY] * (10 - spot - other)])
+        assert robots_evenly_in_zones(robots, zones=("spot", "other")) == expected
+        assert robots_evenly_in_zones(robots, zones=("other", "spot"), share=True) == expected / 10
+
+    def test_cycles_are_summed_and_the_quota_is_rounded_down(self):
+        """Seven robots on three zones: q is 2; 2 2 3 counts 2 + 2 + 1, and 4 0 1 counts 0 + 0 + 1."""
+        even, uneven = [SPOT] * 2 + [OTHER] * 2 + [NEST] * 3, [SPOT] * 4 + [NEST] + [AWAY] * 2
+        robots = trace([[AWAY] * 7, even, uneven])
+        assert robots_evenly_in_zones(robots, zones=("spot", "other", "nest"), when="always") == 5.0 + 1.0
+        share = robots_evenly_in_zones(robots, zones=("spot", "other", "nest"), when="always", share=True)
+        assert share == pytest.approx(6.0 / 6.0)
+
+    def test_fewer_robots_than_zones_count_where_they_are_alone(self):
+        zones = ("spot", "other", "nest")
+        assert robots_evenly_in_zones(trace([[AWAY] * 2, [SPOT, OTHER]]), zones=zones, share=True) == 1.0
+        assert robots_evenly_in_zones(trace([[AWAY] * 2, [SPOT, SPOT]]), zones=zones) == 0.0
+
+
+class TestZoneValue:
+    ROBOTS = trace([[SPOT] * 4, [SPOT, SPOT, NEST, AWAY], [(0.0, 0.0), AWAY, NEST, OTHER]])
+
+    def test_values_are_added(self):
+        """On the spot alone 2, on spot and yolk 2 + 5, in the nest -1."""
+        values = {"spot": 2.0, "yolk": 5.0, "nest": -1.0}
+        assert zone_value(self.ROBOTS, values=values) == 7.0 - 1.0
+        assert zone_value(self.ROBOTS, values=values, when="always") == (2.0 + 2.0 - 1.0) + (7.0 - 1.0)
+
+    def test_outside_is_for_robots_in_none_of_the_zones(self):
+        """Rendezvous of Habanero: robots in a corner minus the others."""
+        assert zone_value(self.ROBOTS, values={"nest": 1.0}, outside=-1.0) == 1.0 - 3.0
+        assert zone_value(self.ROBOTS, values={"spot": 1.0, "yolk": 1.0}, outside=-0.5) == 2.0 - 1.5
+        assert zone_value(self.ROBOTS, values={"nest": 0.0}, outside=-0.5, when="always") == -1.5 - 1.5
 
 
 class TestCellsVisited:

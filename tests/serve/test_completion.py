@@ -46,6 +46,8 @@ CASES = [
     (START + "objective:\n  name: trips\n  sources: |", {"[nest]", "[left source]"}, {"nest"}),
     (START + "objective:\n  name: trips\n  sources: [nest, le|]", {"left source"}, set()),
     (START + "objective:\n  name: trips\n  sources:\n    - |", {"nest", "left source"}, set()),
+    (START + "objective:\n  name: trips\n  values: {|}", {"nest", "left source"}, {"red"}),
+    (START + "objective:\n  name: zone_value\n  values:\n    |", {"nest", "left source"}, {"red"}),
     (START + "objective:\n  direction: |", {"maximise", "minimise"}, {"nest"}),
     (START + "objective:\n  name: robots_where_told\n  places: {black: |}", {"nest", "left source"}, {"black"}),
     (START + "lights:\n  - position: [0, 0, 1]\n    kind: |", {"lamp", "beacon", "null"}, set()),

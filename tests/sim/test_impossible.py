@@ -244,6 +244,25 @@ class TestScores:
         assert found[1]
         assert told(opened(1.0), f"floor.zones[0]={everywhere.replace('-5', '-1.8')}") == []
 
+    def test_a_robot_that_counts_the_same_in_and_outside_the_zones(self):
+        same = "objective={name: zone_value, values: {nest: 2, source: 2}, outside: 2, direction: maximise}"
+        (found,) = told(opened(1.0), same)
+        assert found[0].endswith(": every score is the same, whatever the robots do")
+        assert found[1]
+
+    @pytest.mark.parametrize("objective", ["zone_difference", "robots_evenly_in_zones"])
+    def test_zones_that_are_compared_but_out_of_reach(self, objective):
+        """Of one that can be reached the score differs still."""
+        call = f"objective={{name: {objective}, zones: [nest, source], direction: maximise}}"
+        assert [impossible for _, impossible in told(call)] == [False]
+        assert any(impossible for _, impossible in told(call, "floor.zones[0].center=[1.2, 0.5]"))
+
+    def test_a_zone_outside_the_walls_that_has_a_value(self):
+        call = "objective={name: zone_value, values: {nest: 2, source: -2}, direction: maximise}"
+        ((message, is_impossible),) = told(opened(1.0), call, "floor.zones[0].center=[-5, 0]")
+        assert message.endswith("floor.zones[0]: zone 'nest' lies outside the walls, and the objective counts on it")
+        assert is_impossible
+
     def test_source_and_nest_in_one_place(self):
         trips = "objective={name: trips, sources: [source], nests: [nest], direction: maximise}"
         assert told(opened(1.0), trips) == []
@@ -289,6 +308,11 @@ class TestScores:
             "name: color_value, values: {black: 1}",
             "name: robots_in_emptiest_zone, zones: [nest, source]",
             "name: robots_in_fullest_zone, zones: [nest, source], share: true",
+            "name: robots_evenly_in_zones, zones: [nest, source], share: true",
+            "name: zone_difference, zones: [nest, source]",
+            "name: zone_value, values: {nest: 1, source: 1}, outside: -1",
+            "name: zone_value, values: {nest: 0}, outside: -1",
+            "name: trips, sources: [source], nests: [nest], values: {source: -1}",
             "name: stop_when_found, zones: [nest]",
             "name: gate_crossings, width: 0.02",
             "name: network_share, zones: [nest], radius: 2",
@@ -329,7 +353,10 @@ class TestScores:
             "robots_in_zone": "zones: [nest, source]",
             "robots_in_fullest_zone": "zones: [nest, source]",
             "robots_in_emptiest_zone": "zones: [nest, source]",
-            "trips": "sources: [source], nests: [nest]",
+            "robots_evenly_in_zones": "zones: [nest, source]",
+            "trips": "sources: [source], nests: [nest], values: {source: -0.5}",
+            "zone_difference": "zones: [nest, source], when: always",
+            "zone_value": "values: {nest: 2, source: -1}, outside: 0.5, when: always",
         }
         assert {name for name, function in plugins.OBJECTIVES.items() if plugins.is_by_zones(function)} == set(calls)
         for name, parameters in calls.items():

@@ -8,10 +8,11 @@ import numpy as np
 from mercator_design.arrays import Numbers
 from mercator_design.config.colours import Colour, ColourName, rgb
 from mercator_design.config.schema import FieldError, Length, Range
-from mercator_design.missions.plugins import When, Zones, objective
+from mercator_design.missions.plugins import When, Zone, Zones, objective
 from mercator_design.missions.trace import Trace
 
 Value = Annotated[float, Range(-1e6, 1e6)]
+ZoneValues = Annotated[Mapping[Zone, Value], Length(1)]
 SeveralZones = Annotated[Zones, Length(2)]
 
 
@@ -52,6 +53,58 @@ def robots_in_emptiest_zone(
     """Robots in that zone which has fewest (in each cycle); the share is 1 if they are divided equally."""
     robots = float(np.sum(_counts(trace, zones, when).min(axis=0)))
     return robots * len(zones) / trace.robots if share else robots
+
+
+@objective(by_zones=True)
+def zone_difference(
+    trace: Trace,
+    *,
+    zones: SeveralZones,  # zones whose numbers of robots are compared
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+    share: bool = False,  # whether to divide by the number of robots
+) -> float:
+    """The fullest zone's robots minus the emptiest one's (in each cycle): of two zones, the absolute difference."""
+    difference = float(np.sum(np.ptp(_counts(trace, zones, when), axis=0)))
+    return difference / trace.robots if share else difference
+
+
+@objective(by_zones=True)
+def robots_evenly_in_zones(
+    trace: Trace,
+    *,
+    zones: SeveralZones,  # zones that should have the same number of robots each
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+    share: bool = False,  # whether to divide by the best score of a cycle
+) -> float:
+    """How evenly robots are on the zones: the sum over zones of max(0, q - |robots in it - q|) (in each cycle).
+
+    The quota q is the number of robots divided by that of zones, rounded down, but at least 1: a robot too many in a
+    zone costs as much as one that is missing, and a zone never counts below 0. With fewer robots than zones, the score
+    is the number of zones that have one robot.
+    """
+    quota = max(1, trace.robots // len(zones))
+    counts = _counts(trace, zones, when)
+    score = float(np.sum(np.maximum(0, quota - np.abs(counts - quota))))
+    return score / min(trace.robots, quota * len(zones)) if share else score
+
+
+def _some_value_in_or_outside(values: Mapping[str, float], outside: float) -> Iterator[FieldError]:
+    if not (any(values.values()) or outside):
+        yield FieldError("values", "expected one that is not 0; else every score is 0")
+
+
+@objective(checks=(_some_value_in_or_outside,), by_zones=True)
+def zone_value(
+    trace: Trace,
+    *,
+    values: ZoneValues,  # what a robot in each of these zones counts
+    outside: Value = 0.0,  # what a robot in none of them counts
+    when: When = "end",  # end: in the last cycle; always: in all cycles, summed
+) -> float:
+    """The value of the zone that each robot is in, summed; where zones overlap, their values are added."""
+    inside = np.array([trace.inside((zone,), when) for zone in values])
+    of_zones = sum(value * int(np.sum(one)) for value, one in zip(values.values(), inside, strict=True))
+    return float(of_zones + outside * int(np.sum(~inside.any(axis=0))))
 
 
 def _counts(trace: Trace, zones: Zones, when: When) -> Numbers:

@@ -34,6 +34,7 @@ def test_every_mission_of_the_literature_has_its_facts():
         ("aggregation", "placement.heading=0"),
         ("color_aggregation", "floor.zones[0].centers[3][1]=0.26"),
         ("color_aggregation", "objective.values.yellow=4"),
+        ("foraging", "objective.values={left source: 2}"),
         ("aggregation_20", "arena.walls.apothem=4.7957"),
         ("chocolate_aac", "lights[0].intensity=2"),
         ("chocolate_sca", "arena.obstacles[0].angle=0.01"),
@@ -126,7 +127,7 @@ def parameters(values):
 
 def value(v):
     if isinstance(v, Mapping):
-        return " ".join(f"{key} {value(entry)}" for key, entry in v.items())
+        return " ".join(f"{key} {value(entry)}" for key, entry in v.items()) or "none"
     if isinstance(v, (tuple, list)):
         return (", " if isinstance(v[0], str) else " ").join(map(value, v))
     return str(v).removesuffix(".0")

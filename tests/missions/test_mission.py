@@ -111,7 +111,7 @@ class TestShipped:
 
     def test_it_travels_to_workers(self, name):
         mission = shipped_mission(name)
-        assert pickle.loads(pickle.dumps(mission)) == mission  # noqa: S301 - our own
+        assert pickle.loads(pickle.dumps(mission)) == mission  # noqa: S301 - our own  # noqa: S301 - our own
 
 
 class TestSettingsOfTheOriginals:
@@ -521,7 +521,10 @@ objective:
         ("name: colour_value, values: {black: 0, red: 0}", r"m:\d+: objective.values: expected one that is not 0"),
         ("name: zone_value, values: {spot: 0}", r"m:\d+: objective.values: expected one that is not 0"),
         ("name: zone_value, values: {}", r"m:\d+: objective.values: expected a mapping of keys of at least 1"),
-        ("name: zone_value, values: {spto: 2}", r"m:\d+: objective.values.spto: no zone is called 'spto'; did you mean"),
+        (
+            "name: zone_value, values: {spto: 2}",
+            r"m:\d+: objective.values.spto: no zone is called 'spto'; did you mean",
+        ),
         ("name: zone_value, values: {spot: 2e6}", r"m:\d+: objective.values.spot: expected a number >= -1"),
         ("name: zone_difference, zones: [spot]", r"m:\d+: objective.zones: expected a list of at least 2"),
         ("name: robots_evenly_in_zones, zones: [spot]", r"m:\d+: objective.zones: expected a list of at least 2"),
@@ -539,6 +542,12 @@ def test_parameters_of_an_objective_are_checked_when_it_is_read(objective, messa
     text = TEXT.partition("objective:")[0] + f"objective: {{{objective}, direction: maximise}}\n"
     with pytest.raises(MissionError, match=message):
         parse_mission(text, name="m")
+
+
+@pytest.mark.parametrize("name", ["foraging", "color_aggregation", "gianduja_decision"])
+def test_workers_receive_the_same_mission(name):
+    mission = load_mission(name)
+    assert pickle.loads(pickle.dumps(mission)) == mission  # noqa: S301 - our own
 
 
 @given(_missions)

@@ -24,9 +24,9 @@ from mercator_design.missions.objectives.distances import distance_to, nearest_d
 from mercator_design.missions.objectives.groups import network_area, network_diameter, network_share
 from mercator_design.missions.objectives.in_zones import (
     color_value,
+    robots_evenly_in_zones,
     robots_in_emptiest_zone,
     robots_in_fullest_zone,
-    robots_evenly_in_zones,
     robots_in_zone,
     zone_difference,
     zone_value,
@@ -217,7 +217,6 @@ class TestTrips:
         assert trips(walk(AWAY, (0.0, 0.0), (0.0, 0.0)), **zones) == 0
         assert trips(walk(AWAY, (0.0, 0.0), SPOT), **zones) == 1
 
-
     @pytest.mark.parametrize(
         ("places", "expected"),
         [
@@ -228,7 +227,9 @@ class TestTrips:
         ],
     )
     def test_a_source_has_a_value(self, places, expected):
-        found = trips(walk(*places), sources=("spot", "other", "yolk"), nests=("nest",), values={"other": -2, "yolk": 7})
+        found = trips(
+            walk(*places), sources=("spot", "other", "yolk"), nests=("nest",), values={"other": -2, "yolk": 7}
+        )
         assert found == expected
         assert isinstance(found, float)
 
@@ -259,7 +260,6 @@ class TestShares:
         assert robots_in_emptiest_zone(self.ROBOTS, zones=self.SPOTS, when="always") == 1.0 + 1.0
         half = trace([[AWAY] * 4, [SPOT, SPOT, OTHER, OTHER]])
         assert robots_in_emptiest_zone(half, zones=self.SPOTS, share=True) == 1.0
-
 
     def test_difference_of_two_zones(self):
         """Robots on spot and other: 2 and 1, then 1 and 3."""

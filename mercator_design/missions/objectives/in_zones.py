@@ -72,7 +72,7 @@ def zone_difference(
 def robots_evenly_in_zones(
     trace: Trace,
     *,
-    zones: SeveralZones,  # zones that should have the same number of robots each
+    zones: SeveralZones,  # zones that should have equal numbers of robots
     when: When = "end",  # end: in the last cycle; always: in all cycles, summed
     share: bool = False,  # whether to divide by the best score of a cycle
 ) -> float:

@@ -1,7 +1,6 @@
 """Objectives of robots that go from one place to another."""
 
 import math
-import types
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -17,8 +16,7 @@ from mercator_design.missions.objectives.in_zones import Value
 from mercator_design.missions.plugins import Zone, Zones, objective
 from mercator_design.missions.trace import Trace
 
-
-_ALIKE: Mapping[str, float] = types.MappingProxyType({})
+_ALIKE: Mapping[str, float] = {}
 
 
 def _two_places(sources: Zones, nests: Zones) -> Iterator[FieldError]:

@@ -111,7 +111,9 @@ def draw_preview(preview: MissionPreview) -> Figure:
 def _title(mission: Mission) -> str:
     """Robots, duration and objective, and the objective's parameters, in a line or more each."""
     objective = mission.objective
-    parameters = "; ".join(f"{name}: {_value_text(value)}" for name, value in objective.parameters.items())
+    parameters = "; ".join(
+        f"{name}: {_value_text(value)}" for name, value in objective.parameters.items() if value != {}
+    )
     robots = f"{mission.robots} robot{'s' * (mission.robots != 1)}"
     goal = f"{robots}, {mission.duration:g} s: {objective.direction} {objective.name}"
     return "\n".join([goal, *textwrap.wrap(parameters, 72, max_lines=3, placeholder=" ...")])

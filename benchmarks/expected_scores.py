@@ -16,8 +16,9 @@ Two things of each of three FSMs:
   Chernoff's bound on the distribution of REFERENCE other experiments (with one score more beyond either end, by a
   standard deviation), and six standard errors of the reference's own mean wider: about 7 standard errors to either
   side, but not beyond what is possible. With fewer than 400 bands the chance that any fails by luck is below 1e-6.
-  On each mission some FSM scores well enough that its band ends above 0, except on directional_gate: robots that cannot
-  tell directions cross a gate one way hardly more often than the other.
+  On each mission some FSM scores well enough that its band ends above 0, except on directional_gate and
+  waffle_difference: robots that cannot tell directions cross a gate one way hardly more often than the other, and
+  gather on one of two equal spots hardly more than on the other.
 
 A change of the simulator that only rounds otherwise leaves all of them as they are. One that draws or moves otherwise
 changes scores, but the means must stay in their bands; only then make the file anew.

@@ -59,8 +59,8 @@ class TestEveryMission:
         assert len(set(scores)) > 1
         least, most = expected.possible(simulator_of(name).mission)
         assert all(least <= entry["low"] <= entry["high"] <= most for entry in entries)
-        # There robots cross hardly more often one way than the other.
-        assert name == "directional_gate" or any(entry["low"] > least for entry in entries)
+        # There robots cross hardly more often one way than the other, or are about as many on one spot as on the other.
+        assert name in {"directional_gate", "waffle_difference"} or any(entry["low"] > least for entry in entries)
 
 
 def run(simulator, text, n):

@@ -208,6 +208,11 @@ def test_the_title_is_as_in_yaml():
     assert any("when: always; share: true" in text.get_text() for text in figure.texts)
 
 
+def test_the_title_has_no_parameter_without_a_value():
+    figure = draw_preview(preview_of(Simulator(load_mission("foraging")), seed=1))
+    assert any(text.get_text().endswith("nests: nest") for text in figure.texts)
+
+
 def test_fixed_poses_have_no_start_area():
     mission = load_mission("aggregation", ["placement={shape: poses, poses: [[0, 0, 0], [0.5, 0, 1], [-0.5, 0, 2]]}"])
     assert start_area(draw_preview(preview_of(Simulator(mission), seed=1)).axes[0]) is None

@@ -17,7 +17,6 @@ from mercator_design.errors import RaceError, SimulationError
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session.runner import RaceRun
 from mercator_design.results.files import read_journal
-from tests.tiers import some
 
 EXPLORE = "--nstates 1 --s0 0 --rwm0 20"
 
@@ -145,7 +144,6 @@ class TestDesign:
         run.finish()
         assert md.read_fsm(tmp_path / "fsm.txt").pfsm == run.pfsm
 
-    @pytest.mark.thorough
     def test_its_folder_is_that_of_the_command_line(self, mission, mdesign, tmp_path):
         options = ["--budget", 60, "--method", "irace", "--set", "duration=2", "--test-runs", 2, "-o", tmp_path / "a"]
         assert mdesign("race", "aggregation", *options)[0] == 0
@@ -159,8 +157,7 @@ class TestDesign:
         with pytest.raises(RaceError, match="expected a new or empty folder"):
             md.design(mission, budget=60, folder=tmp_path / "b")
 
-    @pytest.mark.swept
-    @pytest.mark.parametrize("n_events", some([0, 5], 1))
+    @pytest.mark.parametrize("n_events", [0, 5])
     def test_a_closed_race_can_be_resumed(self, mission, mdesign, tmp_path, n_events):
         run = md.design(mission, budget=60, method="irace", jobs=2, folder=tmp_path)
         for _ in range(n_events):

@@ -190,7 +190,6 @@ def test_numbers_agree_to_their_last_recorded_digit():
     assert difference(None, 0.0)
 
 
-@pytest.mark.thorough
 def test_exit_codes_say_what_came_out(tmp_path, monkeypatch, capsys):
     def run(*files):
         monkeypatch.setattr(sys, "argv", ["check_vectors.py", *map(str, files)])

@@ -29,7 +29,6 @@ from mercator_design.results import folder as run_folder
 from mercator_design.show.text.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
-from tests.tiers import some
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
 QUICK = ["--set", "robots=2", "--set", "duration=3"]
@@ -95,7 +94,6 @@ class TestRace:
             contents[-1].append(read(folder / "journal.jsonl").record.digest())
         assert contents[0] == contents[1]
 
-    @pytest.mark.thorough
     def test_another_seed_is_another_race(self, mdesign, tmp_path):
         raced = []
         for seed in (1, 2):
@@ -136,7 +134,6 @@ class TestRace:
         assert mdesign("race", "aggregation", "--budget", enough, "-o", tmp_path / "r", *QUICK)[0] == 0
         assert mdesign("race", "aggregation", "--budget", enough - 1, "-o", tmp_path / "q", *QUICK)[0] == 1
 
-    @pytest.mark.thorough
     def test_robots_that_do_not_fit(self, mdesign, tmp_path):
         for robots in (45, 200):
             code, _, err = mdesign(
@@ -163,7 +160,6 @@ class TestRace:
         monkeypatch.undo()
         assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("journal.jsonl", "of the other")]
 
-    @pytest.mark.thorough
     def test_a_full_disk_keeps_the_winner(self, mdesign, tmp_path, monkeypatch):
         write_text = run_folder.write_text
 
@@ -247,7 +243,6 @@ class TestEvaluate:
         assert found["quartiles"] == sorted(found["quartiles"])
         assert found["direction"] == "maximise"
 
-    @pytest.mark.thorough
     def test_same_scores_with_any_number_of_jobs_and_a_longer_series_begins_alike(self, mdesign, fsm):
         scores = [
             json.loads(mdesign("evaluate", fsm, "-n", n, "-j", jobs, "--json", *QUICK)[1])["scores"]
@@ -292,7 +287,6 @@ class TestEvaluate:
         assert code == 3
         assert "has changed since" in err
 
-    @pytest.mark.thorough
     def test_a_moved_file_of_a_mission_of_ones_own_wants_that(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("duration: 120", "duration: 3")
         (tmp_path / "mine.yaml").write_text(text)
@@ -476,7 +470,6 @@ class TestWhatCannotBe:
         code, _, err = mdesign("race", tmp_path / "blocked.yaml", "--budget", 60, "-o", tmp_path / "results")
         assert (code, self.WHY in err, (tmp_path / "results").exists()) == (3, True, False)
 
-    @pytest.mark.thorough
     def test_elsewhere_it_is_reported(self, mdesign, tmp_path, fsm):
         options = [word for each in [*BLOCKED, "duration=1"] for word in ("--set", each)]
         code, _, err = mdesign("evaluate", fsm, "-n", 2, *options)
@@ -488,7 +481,6 @@ class TestWhatCannotBe:
 
 
 class TestPlacesToStart:
-    @pytest.mark.thorough
     def test_robots_must_find_places(self, mdesign, tmp_path):
         text = shipped.missions()["aggregation"].read_text().replace("robots: 3", "robots: 45")
         (tmp_path / "crowd.yaml").write_text(text)
@@ -505,8 +497,7 @@ def test_a_diagram(mdesign, fsm):
 
 
 class TestMissions:
-    @pytest.mark.swept
-    @pytest.mark.parametrize("arguments", some([["missions"], ["missions", "list"]], 1))
+    @pytest.mark.parametrize("arguments", [["missions"], ["missions", "list"]])
     def test_they_are_listed_a_line_each(self, mdesign, arguments):
         code, out, _ = mdesign(*arguments)
         assert code == 0
@@ -516,8 +507,7 @@ class TestMissions:
             "3", "120", "s", "minimise", "cell_age",
         ]  # fmt: skip
 
-    @pytest.mark.swept
-    @pytest.mark.parametrize("command", some(["missions", "robots"], 1))
+    @pytest.mark.parametrize("command", ["missions", "robots"])
     def test_lines_are_cut_to_a_terminal(self, mdesign, monkeypatch, command):
         whole = mdesign(command, "list")[1].splitlines()
         monkeypatch.setenv("COLUMNS", "70")
@@ -529,13 +519,11 @@ class TestMissions:
         assert len(cut) > 0.5 * len(lines)
         assert all(len(line) == 70 and line[-15:-1] in text for line, text in cut)
 
-    @pytest.mark.thorough
     def test_a_terminal_shows_the_beginning_of_what_a_mission_is(self):
         line = next(line for line in missions_table(80).splitlines() if line.startswith("aggregation "))
         assert load_mission("aggregation").description.startswith(line[40:-1])
         assert len(line) == 80
 
-    @pytest.mark.thorough
     def test_list_for_programs(self, mdesign):
         found = json.loads(mdesign("missions", "list", "--json")[1])
         assert [mission["name"] for mission in found] == list(shipped.missions())
@@ -573,31 +561,27 @@ class TestMissions:
         assert mdesign("missions", "preview", "aggregation", "-o", picture, "--robot-model", "epuck")[0] == 0
         assert picture.read_bytes() != before
 
-    @pytest.mark.swept
     @pytest.mark.parametrize(
         ("arguments", "code", "words"),
-        some(
-            [
-                (["preview", "aggregation", "-o", "p.pdf"], 2, "ends in .png or .svg, found 'p.pdf'"),
-                (["preview", "aggregation", "-o", "png"], 2, "ends in .png or .svg, found 'png'"),
-                (
-                    ["preview", "aggregation", "-o", "nowhere/p.png"],
-                    1,
-                    "nowhere/p.png: cannot be written: No such file",
-                ),
-                (["preview", "aggregation", "--set", "robots=50"], 3, "the robots do not fit"),
-                (["preview"], 2, "MISSION"),
-                (["sample"], 2, "--class"),
-                (["sample", "--class", "dancing"], 2, "dancing"),
-                (["sample", "--class", "homing", "-n", "0"], 2, "'-n'"),
-                (
-                    ["sample", "--class", "homing", "-o", "file/deeper"],
-                    1,
-                    "file/deeper: cannot be written: Not a directory",
-                ),
-            ],
-            3,
-        ),
+        [
+            (["preview", "aggregation", "-o", "p.pdf"], 2, "ends in .png or .svg, found 'p.pdf'"),
+            (["preview", "aggregation", "-o", "png"], 2, "ends in .png or .svg, found 'png'"),
+            (
+                ["preview", "aggregation", "-o", "nowhere/p.png"],
+                1,
+                "nowhere/p.png: cannot be written: No such file",
+            ),
+            (["preview", "aggregation", "--set", "robots=50"], 3, "the robots do not fit"),
+            (["preview"], 2, "MISSION"),
+            (["sample"], 2, "--class"),
+            (["sample", "--class", "dancing"], 2, "dancing"),
+            (["sample", "--class", "homing", "-n", "0"], 2, "'-n'"),
+            (
+                ["sample", "--class", "homing", "-o", "file/deeper"],
+                1,
+                "file/deeper: cannot be written: Not a directory",
+            ),
+        ],
     )
     def test_mistakes(self, mdesign, tmp_path, monkeypatch, arguments, code, words):
         monkeypatch.chdir(tmp_path)
@@ -686,7 +670,6 @@ def test_heavy_modules_are_loaded_when_they_are_needed():
     assert done.stdout.count("heavy:\n") == 2
 
 
-@pytest.mark.thorough
 def test_control_software_runs_on_the_standard_library_alone():
     """As on the robot: every module of fsm imports and runs where nothing heavy is installed."""
     script = f"""
@@ -733,8 +716,7 @@ class TestRecord:
             assert arrays["pose"].shape == (2, 3, 3)
             assert arrays["time"].tolist() == [1.0, 2.0]
 
-    @pytest.mark.swept
-    @pytest.mark.parametrize(("every", "times"), some([(8, [0.8, 1.6, 2.0]), (20, [2.0]), (1000, [2.0])], 2))
+    @pytest.mark.parametrize(("every", "times"), [(8, [0.8, 1.6, 2.0]), (20, [2.0]), (1000, [2.0])])
     def test_the_last_cycle_is_always_there(self, mdesign, tmp_path, every, times):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
         options = ["--mission", "aggregation", "--set", "duration=2"]

@@ -45,7 +45,6 @@ from mercator_design.missions.placement import (
 from mercator_design.missions.trace import Trace, every_nth
 from mercator_design.sim.simulate import Simulator
 from tests.fsm.strategies import OF_NAME, WORD
-from tests.tiers import some
 
 SHIPPED = shipped.missions()
 shipped_mission = functools.cache(load_mission)
@@ -71,8 +70,7 @@ def test_the_missions_of_the_paper_are_shipped():
     assert {"aggregation", "color_aggregation", "grid_exploration", "foraging", "aac"} <= set(SHIPPED)
 
 
-@pytest.mark.swept
-@pytest.mark.parametrize("name", some(SHIPPED, 6))
+@pytest.mark.parametrize("name", SHIPPED)
 def test_british_and_american_spelling_are_read_alike(name):
     text = SHIPPED[name].read_text()
     pairs = (("color", "colour"), ("gray", "grey"), ("center", "centre"), ("imise", "imize"))

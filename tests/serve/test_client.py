@@ -353,7 +353,6 @@ def test_errors_in_other_forms(text):
         connection.call("GET", "/jobs")
 
 
-@pytest.mark.thorough
 def test_follow_goes_on_over_a_restart_of_the_service(tmp_path, raced):
     """The same data folder at the same port: no event is lost, and none comes twice."""
     told, announced = [], []

@@ -35,7 +35,6 @@ def folder_of(service, design):
 
 
 class TestSave:
-    @pytest.mark.thorough
     def test_its_files_are_those_of_mdesign(self, ann, service, mdesign):
         design = save(ann, "two states")
         folder = folder_of(service, design)

@@ -18,7 +18,6 @@ from mercator_design.sim.checks.no_effect import can_fire, floor_warnings, model
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission
-from tests.tiers import some
 
 MERCATOR, EPUCK = load_robot_model("mercator"), load_robot_model("epuck")
 SEEKER = parse("--nstates 2 --s0 0 --rwm0 20 --n0 1 --n0x0 0 --c0x0 6 --p0x0 0.5 --l0x0 2 --s1 1")
@@ -41,8 +40,7 @@ def apart(model, *colours, **floor):
     return [text.partition(" distinguishes ")[2] for text in found]
 
 
-@pytest.mark.swept
-@pytest.mark.parametrize("name", some(shipped.missions(), 6))
+@pytest.mark.parametrize("name", shipped.missions())
 def test_there_are_none_of_shipped_missions(name):
     loaded = load_mission(name)
     model = load_robot_model(loaded.robot_model)

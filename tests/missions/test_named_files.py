@@ -126,6 +126,7 @@ class TestContents:
         assert load_mission("aggregation").digest == "d821a0b46dddb11f"
 
 
+@pytest.mark.thorough
 def test_a_run_folder_has_its_own_copies(mdesign, plugin, written, tmp_path):
     """The race goes on and is verified and measured by them, by threads and processes."""
     for folder, executor in (("a", "threads"), ("b", "processes")):

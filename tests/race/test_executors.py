@@ -18,6 +18,7 @@ from tests.race.executor_conformance import Conformance, WorkersConformance
 from tests.race.racing import measure
 from tests.race.test_target import gone
 from tests.race.work import Dies, DiesLoading, Hangs, begins, process_of, square, survives
+from tests.tiers import some
 
 
 class TestAvailableJobs:
@@ -140,9 +141,10 @@ class TestGroups:
                 assert len(began) == done
 
 
+@pytest.mark.swept
 @pytest.mark.together
 class TestProcesses(WorkersConformance):
-    @pytest.fixture(scope="class", params=[1, 2])
+    @pytest.fixture(scope="class", params=some([2, 1], 1))
     @classmethod
     def make(cls, request):
         return lambda: ProcessExecutor(request.param)

@@ -580,6 +580,7 @@ def test_it_finds_nearly_the_optimum():
     assert mixed_cost(found) < 0.5
 
 
+@pytest.mark.thorough
 def test_it_is_better_than_random_search():
     """It was with all of 120 other seeds. If it were with 97 %, it would be with fewer than 17 of 24 by luck with a
     probability below 1e-6; if there were no difference, it would be with 17 or more with a probability of 3 %."""

@@ -11,6 +11,7 @@ from mercator_design.twin.devices.lidar import Hiding, LidarState
 from tests.robot.log_events import read
 from tests.robot.simulated import START
 from tests.robot.ways import ALL, check, write_files
+from tests.tiers import some
 
 FOREIGN = bytes.fromhex("aa550002010581052e5755a00f55a40f")
 """A packet with samples of three bytes, the first one an intensity."""
@@ -49,7 +50,8 @@ class TestCheck:
         assert found["lidar's sight"] == ("ok", "719 readings in a turn")
         assert {"lidar's surroundings", "lidar's sectors"}.isdisjoint(found)
 
-    @pytest.mark.parametrize("turns", [0.2, 0.5, 0.9])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("turns", some([0.2, 0.5, 0.9], 1))
     def test_turns_without_a_reading_between_others(self, rows, turns):
         code, found = rows(blind(turns))
         mark, words = found["lidar's sight"]
@@ -57,7 +59,8 @@ class TestCheck:
         assert re.match(r"719 readings in a turn, but none in \d+ of 1[34] turns; ", words)
         assert "5 V and 1 A" in words
 
-    @pytest.mark.parametrize("distance", [0.0, 0.06, 16.0])
+    @pytest.mark.swept
+    @pytest.mark.parametrize("distance", some([0.0, 0.06, 16.0], 1))
     def test_all_turns_without_a_reading(self, rows, distance):
         """Too near or beyond the range of a lidar is no reading either."""
         code, found = rows(LidarState(hidings=(Hiding(distance),)))
@@ -65,9 +68,10 @@ class TestCheck:
         assert (code, mark, words[:22]) == (0, "look", "0 readings in a turn; ")
         assert words.endswith("A run that reads neighbours would stop after 5 s (limits.lidar_blind)")
 
+    @pytest.mark.swept
     @pytest.mark.parametrize(
         ("sector", "proposal"),
-        [((100.0, 190.0), "[100, 190]"), ((315.0, 45.0), "[315, 45]"), ((-30.0, 0.0), "[330, 0]")],
+        some([((100.0, 190.0), "[100, 190]"), ((315.0, 45.0), "[315, 45]"), ((-30.0, 0.0), "[330, 0]")], 2),
     )
     def test_a_blank_sector(self, rows, sector, proposal):
         code, found = rows(LidarState(hidings=(Hiding(0.0, sector),)))
@@ -78,8 +82,10 @@ class TestCheck:
         _, found = rows(settings=proposal)
         assert "lidar's sectors" not in found
 
+    @pytest.mark.swept
     @pytest.mark.parametrize(
-        ("sector", "proposal"), [((81.2, 90.8), "[80, 92]"), ((352.2, 8.8), "[351, 10]"), ((-2.5, 3.5), "[356, 5]")]
+        ("sector", "proposal"),
+        some([((81.2, 90.8), "[80, 92]"), ((352.2, 8.8), "[351, 10]"), ((-2.5, 3.5), "[356, 5]")], 2),
     )
     def test_a_part_of_its_own_robot(self, rows, sector, proposal):
         state = LidarState(hidings=(Hiding(0.14, sector),))
@@ -110,16 +116,20 @@ class TestCheck:
         assert "another model or mode" in words
         assert {"lidar's turns", "lidar's sight"}.isdisjoint(found)
 
+    @pytest.mark.swept
     @pytest.mark.parametrize(
         ("state", "row", "words"),
-        [
-            (LidarState(is_one_way=True), "lidar", "it sends unasked and answers nothing: is it a one-way model"),
-            (LidarState(model=5), "lidar", "it is model 5, not an X4 (model 6): "),
-            (LidarState(unanswered=frozenset({"device_info"})), "lidar", "it does not answer which model it is"),
-            (LidarState(unanswered=frozenset({"health"})), "lidar's health", "it does not answer how it is"),
-            (LidarState(unanswered=frozenset({"health", "device_info", "scan"})), "lidar", "is it an X4?"),
-            (LidarState(rate=3.9), "lidar's turns", "3.9 a second; slow: an X4 makes 5 to 12."),
-        ],
+        some(
+            [
+                (LidarState(is_one_way=True), "lidar", "it sends unasked and answers nothing: is it a one-way model"),
+                (LidarState(model=5), "lidar", "it is model 5, not an X4 (model 6): "),
+                (LidarState(unanswered=frozenset({"device_info"})), "lidar", "it does not answer which model it is"),
+                (LidarState(unanswered=frozenset({"health"})), "lidar's health", "it does not answer how it is"),
+                (LidarState(unanswered=frozenset({"health", "device_info", "scan"})), "lidar", "is it an X4?"),
+                (LidarState(rate=3.9), "lidar's turns", "3.9 a second; slow: an X4 makes 5 to 12."),
+            ],
+            3,
+        ),
     )
     def test_what_a_run_does_not_need(self, rows, state, row, words):
         code, found = rows(state)
@@ -182,7 +192,8 @@ class TestRun:
         assert "lidar: it has seen nothing for 2 s" in said
         assert re.search(r"lidar: it sees something again \(\d+ readings in a turn\)", said)
 
-    @pytest.mark.parametrize(("turns", "code"), [(0.1, 0), (0.5, 0), (0.75, 4)])
+    @pytest.mark.swept
+    @pytest.mark.parametrize(("turns", "code"), some([(0.1, 0), (0.5, 0), (0.75, 4)], 2))
     def test_turns_without_a_reading_between_others(self, run, turns, code):
         """Each is judged; users are told once while it goes on."""
         said = run(blind(turns), code, "" if code else "The duration is over")

@@ -68,6 +68,7 @@ def artificial(means, spread, recorded=20, ours=200):
     return scores.Comparison("artificial", controllers)
 
 
+@pytest.mark.thorough
 def test_limits_of_correlation():
     exact = correlations.correlation_limits(artificial(range(10), spread=0.01))
     assert (exact.median, exact.lowest) == pytest.approx((1.0, 1.0))
@@ -191,6 +192,7 @@ def test_rejections_that_hung_on_others_are_said():
     assert judgement.rejected == []
 
 
+@pytest.mark.thorough
 def test_runs_repeated_from_their_seeds(comparisons):
     """Runs in which no robots collide are the recorded ones to the last digit, score and statistics."""
     for c in comparisons:

@@ -113,6 +113,7 @@ def test_a_scaled_score_column(run):
     assert f"rejected: coverage_v30_n3_r0.4, {runs[0]['name']}: score" in text
 
 
+@pytest.mark.thorough
 def test_statistics_that_are_a_little_off(run):
     """6 mm/s slower."""
     runs = cut("coverage_v30_n3_r0.4", 40)[:2]
@@ -133,6 +134,7 @@ def test_scores_of_another_mission(run):
     assert "rejected: aggregation" in text
 
 
+@pytest.mark.thorough
 def test_controllers_that_are_mixed_up(run):
     runs = cut("aggregation")
     columns = [one["scores"] for one in runs]
@@ -340,6 +342,7 @@ def test_two_runs_of_each_controller(run):
     assert "aggregation: none, by a single controller" in text
 
 
+@pytest.mark.thorough
 def test_few_runs_of_one_controller_beside_others(run):
     code, text = run([*cut("aggregation")[:4], *cut("aggregation", 2)[4:]], "--runs", "30")
     assert code == 0
@@ -422,6 +425,7 @@ def test_settings_that_cannot_be_run(run, settings):
     assert "left out: aggregation: 1 controllers: " in text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fsm", ["--nstates 2 --s0 0 --rwm0 5 --s1 1", "--nstates 1 --s0 1"])
 def test_states_without_transitions(run, fsm):
     code, _ = run([{"mission": "aggregation", "name": "x", "fsm": fsm, "scores": [0, 1, 0, 2, 0], "seeds": [7] * 5}])

@@ -215,7 +215,7 @@ class TestRunFolder:
         assert "with the same results" in out
 
     @pytest.mark.swept
-    @pytest.mark.parametrize("file", some(["my.py", "parts/values.py"], 2))
+    @pytest.mark.parametrize("file", some(["my.py", "parts/values.py"], 1))
     @pytest.mark.parametrize("verb", [("race", "--resume"), ("runs", "verify"), ("runs", "ablation")])
     def test_a_plugin_that_is_not_what_it_was_is_not_run(self, mdesign, raced, tmp_path, verb, file):
         mark = tmp_path / "it ran"

@@ -111,6 +111,7 @@ def test_services_run_this_file(application, python, tmp_path):
         assert f"\nExecStart={python} {application} {verb}\n" in unit
 
 
+@pytest.mark.thorough
 def test_every_module_can_be_imported_and_none_is_from_elsewhere(application, sources, python):
     names = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in sources]
     ours = [name for name in names if name.startswith("mercator_design")]
@@ -196,6 +197,7 @@ def test_it_has_the_same_bytes_every_time(application, monkeypatch):
         assert {entry.compress_type for entry in archive.infolist()} == {zipfile.ZIP_STORED}
 
 
+@pytest.mark.thorough
 def test_the_verb(mdesign, tmp_path, application):
     file = tmp_path / "robot.pyz"
     code, out, err = mdesign("bundle", "-o", file)

@@ -12,6 +12,7 @@ from mercator_design.fleet.check import COLUMNS
 from mercator_design.robot.protocols.clocks import from_line, probe
 from tests.fleet.fakes import settings
 from tests.robot.devices import Devices
+from tests.tiers import some
 
 
 @pytest.fixture
@@ -28,6 +29,7 @@ def cells(row):
     return re.split(r" {2,}", row)
 
 
+@pytest.mark.thorough
 def test_a_table_of_batteries_lines_and_clocks_and_what_is_wrong(deploy, robots, field):
     """The program is copied first; an fsm.txt is not needed."""
     robots[1].rvr.level = 9.0
@@ -115,7 +117,8 @@ def test_findings_as_lines_of_json(robots, field):
     assert all(from_line(json.dumps(each).encode()) for each in said)
 
 
-@pytest.mark.parametrize("ends", ["exit 137", "kill -9 $$", "exit 255"])
+@pytest.mark.swept
+@pytest.mark.parametrize("ends", some(["exit 137", "kill -9 $$", "exit 255"], 1))
 def test_a_check_that_breaks_off_is_reported(deploy, field, ends):
     """What was not looked at is not fine, though all that was is."""
     finding = '{"say": "finding", "what": "clock", "is_fine": true, "words": "12:00"}'
@@ -126,13 +129,17 @@ def test_a_check_that_breaks_off_is_reported(deploy, field, ends):
     assert (code, err) == (1, "Error: 2 of 2 robots failed the check\n")
 
 
+@pytest.mark.swept
 @pytest.mark.parametrize(
     ("finding", "n", "words"),
-    [
-        ('"words": "12:00", "device": ["rvr"]', 1, "its check sends what is no finding: finding.device: expected"),
-        ('"words": 12', 1, "its check sends what is no finding: finding.words: expected text, found 12"),
-        ('"words": "12:00"', 101, "its check has more than 100 findings"),
-    ],
+    some(
+        [
+            ('"words": "12:00", "device": ["rvr"]', 1, "its check sends what is no finding: finding.device: expected"),
+            ('"words": 12', 1, "its check sends what is no finding: finding.words: expected text, found 12"),
+            ('"words": "12:00"', 101, "its check has more than 100 findings"),
+        ],
+        1,
+    ),
 )
 def test_findings_that_no_check_has(deploy, field, finding, n, words):
     finding = f'{{"say": "finding", "what": "clock", "is_fine": true, {finding}}}'

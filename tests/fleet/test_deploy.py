@@ -235,6 +235,7 @@ def test_a_header_that_no_robot_obeys(deploy, field, header):
     assert err.startswith(f"Error: fsm.txt: {header.partition(':')[0]} in the header: ")
 
 
+@pytest.mark.thorough
 def test_logs_of_a_day_that_comes_again_are_kept(deploy, field):
     """A Pi has no clock."""
     (field / "bin/date").write_text("#!/bin/sh\necho 20260101-000000\n")

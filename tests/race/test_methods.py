@@ -21,6 +21,7 @@ from mercator_design.race.space.parameter import key_of
 from tests.race.mixed import MIXED, mixed_cost, noise, run
 from tests.race.racing import SPACE, measure, runner
 from tests.race.spaces import machines
+from tests.tiers import some
 
 
 def race_of(method, space=MIXED, budget=300, seed=1):
@@ -59,7 +60,8 @@ def test_the_command_line_has_them_all():
     assert list(choices) == list(METHODS)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.swept
+@pytest.mark.parametrize("method", some(METHODS, 4))
 class TestConformance:
     def test_the_whole_budget_is_used_and_never_more_and_it_finds_something_good(self, method):
         """Random configurations cost 5.6 in the mean; a tenth of them less than 1.7."""
@@ -254,7 +256,8 @@ def search_of(method, space=MIXED, budget=300, seed=1, **options):
     return search(space, budget=budget, seed=seed, options=replace(search.keywords["options"], **options))
 
 
-@pytest.mark.parametrize("method", SEARCHES)
+@pytest.mark.swept
+@pytest.mark.parametrize("method", some(SEARCHES, 2))
 class TestSearch:
     def test_all_is_spent_and_what_is_left_goes_to_the_best(self, method):
         race = search_of(method, budget=317, instances=10, generation=7)

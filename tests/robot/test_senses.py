@@ -23,7 +23,8 @@ def mean(values):
     return sum(values) / len(values)
 
 
-@pytest.mark.parametrize("is_moving", [False, True])
+@pytest.mark.swept
+@pytest.mark.parametrize("is_moving", some([False, True], 1))
 def test_a_line_with_a_few_damaged_bytes_costs_few_neighbours(is_moving):
     """Of three; without damage exactly so. The bytes that are hit are those of the seed."""
     assert {cycle.neighbours for cycle in perceived(0.0, 1.0, is_moving=is_moving)} == {3}

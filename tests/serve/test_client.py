@@ -89,6 +89,7 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     assert [event for event in events if event["event"] != "stop"] == [one for one in told if one["event"] != "stop"]
 
 
+@pytest.mark.thorough
 def test_no_file_says_where_the_service_has_its_data(service, done):
     for file in (service.data / done).rglob("*"):
         assert str(service.data).encode() not in file.read_bytes(), file.name

@@ -39,6 +39,7 @@ def test_a_mistake_in_the_settings_lets_go_of_the_folder(tmp_path, idle_races):
         assert service.settings.races == 1
 
 
+@pytest.mark.thorough
 def test_plugins_are_beside_the_settings(tmp_path, idle_races, monkeypatch):
     monkeypatch.chdir(tmp_path.parent)
     (tmp_path / "serve.yaml").write_text("plugins: [own.py]\nworkers: 1\n")

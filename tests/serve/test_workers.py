@@ -16,6 +16,7 @@ from mercator_design.serve.workers import pool as module
 from mercator_design.serve.workers.pool import Busy, WorkerPool
 from mercator_design.serve.workers.process import TooMuchWork
 from tests.processes import LIMIT, wait_until
+from tests.tiers import some
 
 
 def add(one, other=1):
@@ -77,7 +78,8 @@ def test_errors_come_back_and_the_worker_stays(pool):
     assert pool.run(where)[0] == process
 
 
-@pytest.mark.parametrize("function", [die, unsendable])
+@pytest.mark.swept
+@pytest.mark.parametrize("function", some([die, unsendable], 1))
 def test_a_worker_that_dies_is_replaced(pool, function):
     process, _ = pool.run(where)
     with pytest.raises(ServiceError, match="the process that worked on this has died"):

@@ -32,6 +32,7 @@ def test_trace_and_picture(work, mdesign):
     assert (work / "replay.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_film(work, mdesign):
     code, out, _ = mdesign("replay", "fsm.txt", *SHORT, "--video", "film.gif")
     assert (code, out.split(":")[0]) == (0, "film.gif")

@@ -37,8 +37,8 @@ def crowded():
 
 
 @pytest.mark.swept
-@pytest.mark.parametrize("narrow", some([False, True], 2))
-@pytest.mark.parametrize("pfsm", crowded())
+@pytest.mark.parametrize("narrow", [False, True])
+@pytest.mark.parametrize("pfsm", some(crowded(), 4))
 def test_no_label_covers_a_box_or_another_label(pfsm, narrow):
     names = state_names(pfsm)
     texts = [_box_lines(pfsm, k, names, None) for k in range(len(pfsm.states))]

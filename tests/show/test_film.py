@@ -120,6 +120,7 @@ def test_robots_are_drawn_where_they_are(shown):
     assert (near == 255).all(axis=-1).any()  # the arrow
 
 
+@pytest.mark.thorough
 def test_floor_changes_in_a_film(cleaning):
     with house_style():
         stage = Stage([cleaning], CAPTION)

@@ -121,7 +121,7 @@ def test_odd_values_are_refused_or_told(kinds, odd, tmp_path, reader):
     path = tmp_path / "log.jsonl"
     path.write_text("".join(map(line, kinds[kind])))
     run(path)  # as it is
-    for text in some(readable, 20):
+    for text in some(readable, 8):
         path.write_text(text)
         with contextlib.suppress(RobotError):
             run(path)

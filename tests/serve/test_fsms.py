@@ -16,7 +16,7 @@ from mercator_design.modules.module import numbered
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
-from mercator_design.serve.workers.machines import Machines, compared, replays, run_experiments
+from mercator_design.serve.workers.machines import Machines, compare_fsms, replays, run_experiments
 from mercator_design.serve.workers.pool import Busy
 from mercator_design.serve.workers.sources import FsmSource, MissionSource
 from mercator_design.show.replay import replay_of
@@ -264,7 +264,7 @@ class TestEvaluate:
 
         def sometimes_busy(function, *arguments):
             asked.append(function)
-            if asked in ([run_experiments] * 2, [*[run_experiments] * 3, compared]):
+            if asked in ([run_experiments] * 2, [*[run_experiments] * 3, compare_fsms]):
                 raise Busy("the service is busy")
             if function is run_experiments:
                 arguments = (*arguments[:-1], 0.0)  # one experiment at a time
@@ -272,7 +272,7 @@ class TestEvaluate:
 
         monkeypatch.setattr(service.workers, "run", sometimes_busy)
         assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 200
-        assert asked == [run_experiments, run_experiments, run_experiments, compared, compared]
+        assert asked == [run_experiments, run_experiments, run_experiments, compare_fsms, compare_fsms]
         asked[:] = [run_experiments]  # the next one is refused
         assert evaluate(client, fsms=[{"fsm": FSM}], runs=2).status_code == 503
 

@@ -6,6 +6,7 @@ from importlib.resources import files
 FILES = {
     "modules": ("behaviours", "clustering", "conditions", "module", "perception", "reference"),
     "fsm": ("control", "pfsm"),
+    "network": ("control", "inputs", "network"),
 }
 """Those of some folders of this package."""
 

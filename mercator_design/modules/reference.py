@@ -113,6 +113,10 @@ class ReferenceModel(NamedTuple):
     ground_vote_white: NonNegative = 0.85 * 255  # gray level of 0 to 255 above which a reading votes for white
     ground_majority: NonNegative = 10.0  # votes that black or white needs more than
 
+    # Floor, as input of a network: black is 0, white 1, in between a random sample of what e-pucks read on gray.
+    network_black_highest: NonNegative = 0.1 * 255  # gray level of 0 to 255 up to which a network's floor input is 0
+    network_white_lowest: NonNegative = 0.95 * 255  # gray level of 0 to 255 from which a network's floor input is 1
+
     # Colours.
     hue_tolerance: NonNegative = math.radians(15.0)  # [rad] from a label's hue within which it is recognised
     hue_period: Positive = 2.0 * math.pi  # [rad] after which hues repeat; a huge one makes their difference linear

@@ -96,12 +96,12 @@ def test_a_colour_is_measured(tmp_path):
     ("number", "most"),
     [
         (signal.SIGTERM, 0.25),
-        (signal.SIGINT, 0.25),
-        (signal.SIGHUP, 0.25),
-        (signal.SIGQUIT, 0.25),
-        (signal.SIGTSTP, 0.25),
+        pytest.param(signal.SIGINT, 0.25, marks=takes_long),
+        pytest.param(signal.SIGHUP, 0.25, marks=takes_long),
+        pytest.param(signal.SIGQUIT, 0.25, marks=takes_long),
+        pytest.param(signal.SIGTSTP, 0.25, marks=takes_long),
         (signal.SIGKILL, 0.32),  # 300 ms by the firmware, and two ticks of the twin
-        (signal.SIGSTOP, 0.32),
+        pytest.param(signal.SIGSTOP, 0.32, marks=takes_long),
     ],
 )
 def test_how_soon_wheels_stop_after_a_signal(tmp_path, number, most):

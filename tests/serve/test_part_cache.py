@@ -80,7 +80,7 @@ def test_the_end_of_a_race_is_shown_at_once(place):
     assert place.kept.get(part, place.folder) == (PagePart("job 2", None), True)
 
 
-def test_helpers_are_left_to_other_work(place, tmp_path):
+def test_workers_are_left_to_other_work(place, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
     (other / "journal.jsonl").touch()
@@ -142,7 +142,7 @@ def test_an_error_is_kept_until_the_folder_changes(place, clock):
     assert place.kept.get(part, place.folder)[1]
 
 
-def test_a_busy_desk_is_asked_again(place):
+def test_a_busy_pool_is_asked_again(place):
     place.pool.errors.append(Busy("busy"))
     assert place.kept.get(part, place.folder) == (None, False)
     assert place.kept.get(part, place.folder) == (PagePart("job 1", None), True)

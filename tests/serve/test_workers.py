@@ -221,7 +221,7 @@ def test_a_worker_that_has_died_without_work_is_replaced(pool):
 
 
 @pytest.mark.skipif(not Path("/proc/self/oom_score_adj").exists(), reason="Linux alone has it")
-def test_helpers_die_before_the_service(pool):
+def test_workers_die_before_the_service(pool):
     assert pool.run(oom_score) == "500\n"
 
 
@@ -254,7 +254,7 @@ def test_close_ends_work_and_processes(tmp_path):
     assert not pool._idle
 
 
-def test_a_desk_that_is_closed_starts_no_process(tmp_path):
+def test_a_pool_that_is_closed_starts_no_process(tmp_path):
     pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
     pool.close()
     with pytest.raises(ServiceError, match="the service ends"):

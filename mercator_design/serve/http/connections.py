@@ -9,9 +9,7 @@ import ssl
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias
 
-from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
-from uvicorn.server import ServerState
 
 from mercator_design.serve.accounts.endpoint import network_of
 
@@ -83,20 +81,17 @@ class TimedProtocol(H11Protocol):
     Args:
         waiting: All connections that wait.
         tls: Context of TLS; None without TLS.
-        config, server_state, app_state, _loop: Arguments of the base class.
+        of_base: Arguments of the base class.
     """
 
     def __init__(
         self,
-        config: Config,
-        server_state: ServerState,
-        app_state: dict[str, Any],
-        _loop: asyncio.AbstractEventLoop | None = None,
         *,
         waiting: WaitingConnections,
         tls: ssl.SSLContext | None = None,
+        **of_base: Any,  # noqa: ANN401 - of uvicorn
     ) -> None:
-        super().__init__(config, server_state, app_state, _loop)
+        super().__init__(**of_base)
         self.group = ""  # among the connections that wait
         self._waiting, self._tls = waiting, tls
         self._raw_transport: asyncio.Transport | None = None  # the connection itself, below TLS; None once it is lost

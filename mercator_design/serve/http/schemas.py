@@ -1,14 +1,14 @@
 """The bodies of requests and answers on jobs."""
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
-from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, RaceRequest, State
+from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest
 from mercator_design.serve.workers.sources import MissionSource
 
 MAX_TEXT = 262_144
@@ -104,28 +104,8 @@ class JobChange(Body):
     shared: Annotated[bool | None, Field(description="Whether all users may see it.")] = None
 
 
-class JobAnswer(BaseModel):
+class _RowAnswer(BaseModel):
     """A job, or a run folder that was in the data folder before (its `owner` is empty)."""
-
-    id: str
-    owner: str
-    name: str
-    state: State
-    message: str
-    method: str
-    flavour: str
-    seed: int
-    budget: int
-    priority: int
-    experiments: int
-    best: float | None
-    tested: float | None
-    direction: str
-    submitted: str
-    ended: str
-    seconds: float
-    left: float | None
-    shared: bool
 
     @classmethod
     def of(cls, row: IndexRow) -> "JobAnswer":
@@ -134,6 +114,18 @@ class JobAnswer(BaseModel):
         known |= known.pop("job")
         known |= known.pop("request")
         return cls(**{name: known[name] for name in cls.model_fields})
+
+
+_ANSWERED = (
+    "id", "owner", "name", "state", "message", "method", "flavour", "seed", "budget", "priority", "experiments", "best",
+    "tested", "direction", "submitted", "ended", "seconds", "left", "shared",
+)  # fmt: skip
+if TYPE_CHECKING:
+    JobAnswer: TypeAlias = _RowAnswer
+else:  # fields of a row, of its job and of the job's request
+    _TYPES = get_type_hints(Job) | get_type_hints(RaceRequest) | get_type_hints(IndexRow)
+    _ROW_FIELDS = {name: (_TYPES[name], ...) for name in _ANSWERED}
+    JobAnswer = create_model("JobAnswer", __base__=_RowAnswer, __doc__=_RowAnswer.__doc__, **_ROW_FIELDS)
 
 
 class Submitted(BaseModel):

@@ -20,6 +20,7 @@ from mercator_design.system.files import Unreadable, read_small
 _MAX_SIZE = 1024 * 1024  # bytes of a mission
 _STATES: dict[str, State] = {"running": "running", "finished": "finished", "stopped": "paused"}
 """States of jobs by those of run folders; others have failed."""
+_NO_REQUEST = RaceRequest(mission="", budget=0, method="", flavour="", seed=0)
 
 
 def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> IndexRow:
@@ -46,38 +47,28 @@ def changed_row(row: IndexRow, job: Job, *, is_running: bool) -> IndexRow:
 
 def row_of_folder(folder: Path, reading: Reading) -> IndexRow | None:
     """Row of a run folder of no job, after reading on in its journal; None if no race has begun there."""
+    name = folder.name
+    job = Job(id=name, owner="", name=name, direction="maximise", request=_NO_REQUEST, submitted="")
     try:
         read_journal(folder, reading)
     except RaceError as error:
         what = "of another version: " if isinstance(error, OtherVersion) else ""
-        return IndexRow(job=_job_of_folder(folder), state="failed", message=what + error.messages[0])
+        return IndexRow(job=job, state="failed", message=what + error.messages[0])
     record, found = reading.record, run_of(folder, reading)
     if not record.start:
         return None
-    request = RaceRequest(
-        mission="", budget=min(record.budget, MAX_SEED), method=str(found["method"]),
+    request = replace(
+        _NO_REQUEST, budget=min(record.budget, MAX_SEED), method=str(found["method"]),
         flavour=printable(excerpt(str(found["flavour"] or ""))), seed=min(int(found["seed"]), MAX_SEED),
     )  # fmt: skip
-    name = printable(excerpt(str(found["name"])))
+    job = replace(
+        job, name=printable(excerpt(str(found["name"]))), direction=_direction(folder), request=request,
+        submitted=found["started"] or "",
+    )  # fmt: skip
     return IndexRow(
-        job=_job_of_folder(folder, name, request, direction=_direction(folder), submitted=found["started"] or ""),
-        state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),
+        job=job, state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),
         experiments=found["experiments"], best=found["score"], tested=found["tested"],
     )  # fmt: skip
-
-
-def _job_of_folder(
-    folder: Path,
-    name: str = "",
-    request: RaceRequest = RaceRequest(mission="", budget=0, method="", flavour="", seed=0),  # noqa: B008 - frozen
-    *,
-    direction: str = "maximise",
-    submitted: str = "",
-) -> Job:
-    """A run folder that is of no job, as a job without an owner."""
-    return Job(
-        id=folder.name, owner="", name=name or folder.name, direction=direction, request=request, submitted=submitted
-    )
 
 
 def _direction(folder: Path) -> str:

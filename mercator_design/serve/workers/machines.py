@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from mercator_design.config.writing import plain
@@ -16,8 +17,16 @@ from mercator_design.modules.words import KnownSwarm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.experiments.experiment import ShownExperiment
+from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
-from mercator_design.serve.workers.sources import FSM, FsmSource, MissionSource, leader_of, text_without_files
+from mercator_design.serve.workers.sources import (
+    FSM,
+    FsmSource,
+    MissionSource,
+    leader_of,
+    raced_fsm,
+    text_without_files,
+)
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.replay import Replay, replay_of
@@ -87,16 +96,19 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     }
 
 
-def winner_of(job: FsmSource, mission: MissionSource, limits: UserLimits) -> dict[str, Any]:
-    """The winner of a job, or its best so far, with its forms.
+def winner_of(folder: Path, mission: MissionSource, limits: UserLimits) -> dict[str, Any]:
+    """The winner of the race in a run folder, or the best so far, with its forms; the race may be running.
 
     Raises:
-        RaceError: There is none yet.
+        RaceError: There is none yet, or it is no race of control software.
     """
-    assert job.folder is not None  # noqa: S101 - of a job
-    leader = leader_of(job.folder)
-    facts = {name: getattr(leader, name) for name in ("configuration", "mean", "runs", "is_winner")}
-    return {**facts, "fsm": {"valid": True, "errors": [], **forms(leader.fsm, Simulator(mission.read(limits)))}}
+    record = RaceStatus(folder).read_on()
+    number, view = leader_of(folder, record), record.view
+    found = forms(raced_fsm(folder, record, number), Simulator(mission.read(limits)))
+    return {
+        "configuration": number, "mean": view.best_score, "runs": len(view.scores(number)),
+        "is_winner": view.is_complete, "fsm": {"valid": True, "errors": [], **found},
+    }  # fmt: skip
 
 
 def run_experiments(

@@ -46,33 +46,32 @@ class WorkerProcess:
             TooMuchWork: It took too long, or too much memory.
             ServiceError: The process has died, or cannot be started.
         """
-        allowed = seconds
-        if self._process is None or self._connection is None or not self._process.is_alive():
-            self._start()
-            allowed += _START
-        assert self._process is not None  # noqa: S101 - just started
-        assert self._connection is not None  # noqa: S101
-        end = time.monotonic() + allowed
+        end = time.monotonic() + seconds
+        process, connection = self._process, self._connection
+        if process is None or connection is None or not process.is_alive():
+            process, connection = self._start()
+            end += _START
         try:
-            self._connection.send((function, arguments, given))
-            while not self._connection.poll(max(0.0, min(_PERIOD, end - time.monotonic()))):
+            connection.send((function, arguments, given))
+            while not connection.poll(max(0.0, min(_PERIOD, end - time.monotonic()))):
                 if time.monotonic() >= end:
                     raise TooMuchWork(f"this took longer than the {seconds:g} s that the service allows")
-                if _memory_of(self._process.pid) > megabytes * _MB:
+                if _memory_of(process.pid) > megabytes * _MB:
                     raise TooMuchWork(f"this took more than the {megabytes} MB of memory that the service allows")
-            result, error = self._connection.recv()
+            result, error = connection.recv()
         except (EOFError, OSError) as lost:
             raise ServiceError(f"the process that worked on this has died: {described(lost)}") from None
         return result, error
 
-    def _start(self) -> None:
+    def _start(self) -> tuple[multiprocessing.process.BaseProcess, Connection]:
         self.close()  # one that was killed while it had no work
         context = multiprocessing.get_context("spawn")
         with self._starting:
             if self._has_ended:
                 raise ServiceError("the service ends")
             try:
-                self._connection, theirs = context.Pipe()
+                ours, theirs = context.Pipe()
+                self._connection = ours
                 with theirs:
                     arguments = (theirs, self._plugins, str(self._folder))
                     process = context.Process(target=_main, args=arguments, name="worker", daemon=True)
@@ -80,6 +79,7 @@ class WorkerProcess:
             except OSError as error:  # for example, there are too many processes
                 raise ServiceError(f"a process for this cannot be started: {error.strerror or error}") from None
             self._process = process
+            return process, ours
 
     def end(self) -> None:
         """Kill the process, and start no other one."""

@@ -113,12 +113,12 @@ class FsmSource:
         """
         if self.folder is None:
             return fsm_of(self.text, printable(self.name) or FSM, self.flavour)
-        if self.configuration is None:
-            return leader_of(self.folder).fsm
-        return _raced(self.folder, RaceStatus(self.folder).read_on(), self.configuration)
+        record = RaceStatus(self.folder).read_on()
+        number = leader_of(self.folder, record) if self.configuration is None else self.configuration
+        return raced_fsm(self.folder, record, number)
 
 
-def _raced(folder: Path, record: Record, configuration: int) -> FsmFile:
+def raced_fsm(folder: Path, record: Record, configuration: int) -> FsmFile:
     """The FSM of a configuration of a race.
 
     Raises:
@@ -131,38 +131,12 @@ def _raced(folder: Path, record: Record, configuration: int) -> FsmFile:
     return FsmFile(pfsm=to_pfsm(record.configurations[configuration], record.start["flavour"]), header={})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeadingDesign:
-    """The winner of a race, or its best configuration so far.
-
-    configuration: Its number.
-    mean: Mean of its scores in the race.
-    runs: Number of these scores.
-    is_winner: Whether the race has ended.
-    """
-
-    configuration: int
-    mean: float
-    runs: int
-    is_winner: bool
-    fsm: FsmFile
-
-
-def leader_of(folder: Path) -> LeadingDesign:
-    """The winner of the race in a run folder, or the best so far; the race may be running.
+def leader_of(folder: Path, record: Record) -> int:
+    """Number of the winner of a race, or of the best configuration so far.
 
     Raises:
-        RaceError: There is none yet, or it is no race of control software.
+        RaceError: There is none yet.
     """
-    record = RaceStatus(folder).read_on()
-    view = record.view
-    number, mean = view.leader, view.best_score
-    if number is None or mean is None:
+    if record.view.leader is None or record.view.best_score is None:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
-    return LeadingDesign(
-        configuration=number,
-        mean=mean,
-        runs=len(view.scores(number)),
-        is_winner=view.is_complete,
-        fsm=_raced(folder, record, number),
-    )
+    return record.view.leader

@@ -27,6 +27,7 @@ from mercator_design.serve.http.requested import (
     mission_of_job,
     requested_machines,
     requested_mission,
+    run_folder,
 )
 from mercator_design.serve.http.schemas import MAX_SEED, Flavour
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
@@ -117,7 +118,7 @@ def replay(service: TheService, user: TheUser, body: ReplayRequest) -> list[dict
 def winner(service: TheService, row: VisibleJob) -> Winner:
     """Show the winner of a job, or its best so far, also while its race runs."""
     mission = mission_of_job(service, row)
-    return Winner(**service.workers.run(winner_of, fsm_of_job(service, row), mission, service.settings.limits))
+    return Winner(**service.workers.run(winner_of, run_folder(service, row), mission, service.settings.limits))
 
 
 @router.get("/jobs/{id}/replay")

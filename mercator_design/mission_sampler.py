@@ -101,7 +101,7 @@ class _Draw:
         sources = self.add_zones("source", self.one_of((1, 2, 3), (0.5, 0.4, 0.1)), source, (0.03, 0.08))
         self.add_obstacles((0.2, 0.4, 0.3, 0.1))
         says = f"Carry from {_counted(sources, 'source')} ({source}) to {_counted(nests, 'nest')} ({nest})."
-        return says, _maximise("trips", sources=sources, nests=nests)
+        return says, _maximise("trips", sources=sources, nests=nests, values={})
 
     def homing(self, home: ColourName, distraction: ColourName) -> tuple[str, Objective]:
         homes = self.add_zones("home", 1, home, (0.1, 0.2))

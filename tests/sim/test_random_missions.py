@@ -119,8 +119,8 @@ def test_random_missions(monkeypatch):
 @pytest.mark.thorough
 def test_many_random_missions():
     with ThreadPoolExecutor() as pool:
-        for start in range(200, 200 + len(cases(1000)), 1000):
-            list(pool.map(check, range(start, start + 1000)))
+        for start in range(0, len(cases(200)), 200):
+            list(pool.map(check, range(200 + start, 400 + start)))
 
 
 def corners_of(poses, length, width):

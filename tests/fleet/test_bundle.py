@@ -142,7 +142,10 @@ def test_byte_code_of_another_python_is_not_used(application, python, tmp_path, 
     assert (done.returncode, done.stdout) == (0, f"mercator-robot, version {__version__}\n")
 
 
-COMPILING = {f"{OURS}{name}.py" for name in ("jit", "compiling/inlining", "compiling/linking", "system/user_folders")}
+COMPILING = {
+    f"{OURS}{name}.py"
+    for name in ("jit", "compiling/cache", "compiling/inlining", "compiling/linking", "system/user_folders")
+}
 
 
 @pytest.mark.thorough

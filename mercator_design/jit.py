@@ -244,15 +244,16 @@ class _Entry:
     def _tried(self, use: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return use(*arguments)
-        except self._errors as error:
+        except BaseException as error:
+            self._cache.turn.close()
+            if not isinstance(error, self._errors):
+                raise
             innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
             reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
             if "NRT required" in reason:
                 reason = "a kernel must not make arrays, lists or texts, or raise an error with a value"
             places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
             raise CompilationError(reason[:500], places or self._places) from error
-        finally:
-            self._cache.turn.close()
 
 
 @functools.cache

@@ -89,7 +89,7 @@ def cache_of(function: Callable[..., Any], folder: Path | None, part: str, misse
 
         def __init__(self) -> None:
             self._py_func = function  # all that numba's key needs
-            self.turn = contextlib.ExitStack()  # to be closed when it was compiled, or could not be
+            self.turn = contextlib.ExitStack()  # to be closed if it cannot be compiled
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             """The machine code in the cache; None if it has to be compiled."""
@@ -99,7 +99,8 @@ def cache_of(function: Callable[..., Any], folder: Path | None, part: str, misse
                 missed()
                 with contextlib.suppress(OSError):
                     self.turn.enter_context(turn(file_of("turn").with_suffix(".lock")))
-                found = self._found(signature, context)  # another process may just have compiled it
+                if (found := self._found(signature, context)) is not None:  # another process has just compiled it
+                    self.turn.close()
             return found
 
         def _found(self, signature: Any, context: Any) -> Any:
@@ -113,8 +114,8 @@ def cache_of(function: Callable[..., Any], folder: Path | None, part: str, misse
 
         def save_overload(self, signature: Any, result: Any) -> None:
             """Keep machine code, unless it has addresses of this process."""
-            if not result.library.has_dynamic_globals:
-                with contextlib.suppress(Exception):  # for example, the disk is full
+            with self.turn, contextlib.suppress(Exception):  # for example, the disk is full
+                if not result.library.has_dynamic_globals:
                     key = self._index_key(signature, result.codegen)
                     write_whole(file_of(key), caching.dumps((key, result._reduce())))  # noqa: SLF001
 

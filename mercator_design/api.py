@@ -23,6 +23,7 @@ from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import Event
 from mercator_design.race.session.outcome import OnFailure
 from mercator_design.race.session.runner import RaceRun
+from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.robot_model import RobotModel
@@ -125,7 +126,7 @@ def evaluate(
 
     with ThreadExecutor(jobs) as executor:
         scores = in_order(executor, measured, seeds, watch)
-    return Evaluation(scores=Scores(tuple(scores)), seeds=seeds)
+    return Evaluation(scores=Scores(tuple(scores), mission.possible_scores()), seeds=seeds)
 
 
 class DesignRun(RaceRun[tuple[Pfsm, int]]):
@@ -165,7 +166,7 @@ class DesignRun(RaceRun[tuple[Pfsm, int]]):
         done = f"{len(self._record.experiments)} of {self._record.budget} experiments"
         if self._result is None:
             return done
-        return f"{done}, configuration {self._result.configuration} won: {self._result.scores.summary}"
+        return f"{done}, configuration {self._result.configuration} won: {self._result.summary}"
 
     def _run(self) -> Generator[Event, None, None]:
         started = time.monotonic()
@@ -208,7 +209,7 @@ def design(
     robot_model: RobotModel | None = None,
     jobs: int | None = None,
     on_failure: OnFailure = "stop",
-    test_runs: int = 0,
+    test_runs: int = TEST_RUNS,
     folder: str | Path | None = None,
 ) -> DesignRun:
     """Design control software for a mission, by a race; nothing runs before the first event is asked for.
@@ -222,7 +223,7 @@ def design(
         robot_model: The robots. [default: the mission's]
         jobs: Experiments run at once; the result does not depend on it. [default: the cores that it may use]
         on_failure: Whether an experiment that fails stops the race ("stop"), or rejects its configuration ("reject").
-        test_runs: Fresh instances to test the winner on, beyond the budget.
+        test_runs: Fresh instances to test the winner on, beyond the budget; 0: do not.
         folder: The run folder to write, new or empty, as by `mdesign race -o`. [default: none]
 
     Raises:

@@ -135,6 +135,7 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.method = method
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
+        self.possible_scores = simulator.mission.possible_scores()
         self.function = Experimenter(simulator)
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
         self._pfsms: dict[int, tuple[Configuration, Pfsm]] = {}  # by number, which may have been a wrong prediction

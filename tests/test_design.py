@@ -9,8 +9,11 @@ from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.race import Experiment
+from mercator_design.race.analysis.pairs import compared
 from mercator_design.race.elimination.summary import Scores
+from mercator_design.scores import ScoreRange
 from mercator_design.seeds import MAX_SEED, instance_seed
+from mercator_design.show.text.columns import difference
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
@@ -22,6 +25,25 @@ def test_scores_sum_up():
     assert scores.quartiles == (1.75, 2.5, 3.75)
     low, high = scores.confidence_interval  # t of 3 degrees of freedom: 3.182446
     assert (low, high) == (pytest.approx(3 - 3.182446 * 2.160247 / 2), pytest.approx(3 + 3.182446 * 2.160247 / 2))
+
+
+def test_intervals_are_within_what_scores_can_be():
+    """As of two runs, whose t interval is 12.7 times as wide as their standard error."""
+    assert Scores((0.0, 3600.0)).confidence_interval[0] < -20000.0
+    assert Scores((0.0, 3600.0), ScoreRange(0.0, 3600.0)).confidence_interval == (0.0, 3600.0)
+    low, high = Scores((1.0, 2.0, 3.0, 6.0)).confidence_interval
+    assert Scores((1.0, 2.0, 3.0, 6.0), ScoreRange(low=0.0)).confidence_interval == (0.0, high)
+    assert Scores((1.0, 2.0, 3.0, 6.0), ScoreRange(-9.0, 5.0)).confidence_interval == (low, 5.0)
+    scores = {0: {0: 0.0, 1: 3600.0}, 1: {0: 1.0, 1: 0.0}}
+    (pair,) = compared(scores, possible=ScoreRange(0.0, 3600.0))
+    assert pair.differences.confidence_interval == (-3600.0, 3600.0)
+    assert difference((0.0, 3600.0), (1.0, 0.0), ScoreRange(0.0, 3600.0)) == "+1.8e+03 ± 5.4e+03"
+
+
+def test_the_best_possible_score_depends_on_the_direction():
+    possible = ScoreRange(0.0, 3600.0, maximise=True)
+    assert (possible.limit, possible._replace(maximise=False).limit) == (" of at most 3600", " of at least 0")
+    assert ScoreRange(low=0.0, maximise=True).limit == ScoreRange(high=3.0).limit == ""
 
 
 def test_a_single_score_has_no_spread():

@@ -34,9 +34,11 @@ from mercator_design.missions.calls import Call, NamedFile, copied
 from mercator_design.missions.floor import Floor, FloorTable
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import OF_A_PLUGIN, first_line
+from mercator_design.missions.plugins import OF_A_PLUGIN, first_line, is_ours, limits_of
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
-from mercator_design.scores import EXPECTED, is_score
+from mercator_design.scores import ANY_SCORE, EXPECTED, ScoreRange, is_score
+from mercator_design.seeds import generator
 
 _NUMBERS: Any = (int, float, np.integer, np.floating, np.bool_)
 """The scores that an objective may return."""
@@ -70,10 +72,37 @@ class Objective(Call):
             if not isinstance(found, _NUMBERS):
                 what = f"{excerpt(repr(found))} of type {type(found).__name__}"
             elif is_score(found):
+                self._check_limits(float(found), trace)
                 return float(found)
             else:
                 what = excerpt(str(found))
         raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {what}")
+
+    def _check_limits(self, score: float, trace: Trace) -> None:
+        """Check that a plugin's score is within the limits that the plugin gives; ours are, as tests show."""
+        if is_ours(self.function):
+            return
+        possible = self.possible_scores(ExperimentSize(trace.robots, trace.cycles, trace.floor, trace.zone_rows))
+        if not possible.has(score):
+            expected = f"expected a score from {possible.low:g} to {possible.high:g}, as its limits are"
+            raise MissionError(f"{first_line(self.function)}objective {self.name}: {expected}, found {score:g}")
+
+    def possible_scores(self, size: ExperimentSize) -> ScoreRange:
+        """The range of the scores of experiments of a size.
+
+        Raises:
+            MissionError: if the function that gives it fails, or does not return two numbers in order.
+        """
+        if (limits := limits_of(self.function)) is None:
+            return ANY_SCORE._replace(maximise=self.direction == "maximise")
+        defaults = {name: default for name, (_, default) in parameters_of(self.function).items()}
+        with self.reporting(MissionError, MercatorError):
+            found: Any = limits(size, **{**defaults, **self.with_paths(copied)})
+            match found:
+                case (low, high) if isinstance(low, _NUMBERS) and isinstance(high, _NUMBERS) and low <= high:
+                    return ScoreRange(float(low), float(high), self.direction == "maximise")
+        expected = "expected limits: the least and the largest score"
+        raise MissionError(f"{first_line(limits)}objective {self.name}: {expected}, found {excerpt(repr(found))}")
 
 
 def _whole_cycles(duration: float, control_period: float) -> Iterator[FieldError]:
@@ -186,6 +215,16 @@ class Mission(FromFile):
     def cycles(self) -> int:
         """The number of control cycles of an experiment."""
         return round(self.duration / self.control_period)
+
+    def possible_scores(self) -> ScoreRange:
+        """The range of the scores of this mission.
+
+        Raises:
+            MissionError: if a function of a plugin fails.
+        """
+        floor = self.realise_floor(generator(0, "floor"))
+        size = ExperimentSize(self.robots, self.cycles, floor, self.floor.zone_rows())
+        return self.objective.possible_scores(size)
 
     @property
     def digest(self) -> str:

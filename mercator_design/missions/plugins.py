@@ -31,6 +31,7 @@ from mercator_design.system.interruptions import signals_first
 Score: TypeAlias = Callable[..., float]
 Rows: TypeAlias = Callable[..., list[tuple[float, ...]]]
 Check: TypeAlias = Callable[..., Iterator[FieldError]]
+Limits: TypeAlias = Callable[..., tuple[float, float]]
 Change: TypeAlias = Callable[[Any, Floats, Floats, float], None]
 
 OBJECTIVES: dict[str, Score] = {}
@@ -76,11 +77,17 @@ def objective(function: Score) -> Score: ...
 
 
 @overload
-def objective(*, checks: tuple[Check, ...] = (), by_zones: bool = False) -> Callable[[Score], Score]: ...
+def objective(
+    *, checks: tuple[Check, ...] = (), by_zones: bool = False, limits: Limits | None = None
+) -> Callable[[Score], Score]: ...
 
 
 def objective(
-    function: Score | None = None, *, checks: tuple[Check, ...] = (), by_zones: bool = False
+    function: Score | None = None,
+    *,
+    checks: tuple[Check, ...] = (),
+    by_zones: bool = False,
+    limits: Limits | None = None,
 ) -> Score | Callable[[Score], Score]:
     """Enter a function in OBJECTIVES under its name: `@objective`, or `@objective(...)`.
 
@@ -89,6 +96,8 @@ def objective(
         checks: Checks of its parameters when a mission is read: functions from parameters of the same names to errors
             (see schema.check).
         by_zones: Whether the score depends only on which of the given zones each robot's centre is in, in each cycle.
+        limits: The least and the largest possible score, infinite where there is no limit: a function of a `Size`, and
+            of the parameters by their names (`**_` takes those that do not matter). [default: there are none]
 
     Raises:
         ValueError: if its name, or that of a parameter, is taken, or a parameter has no annotation.
@@ -98,6 +107,7 @@ def objective(
         _enter(OBJECTIVES, function, "an objective")
         function.CHECKS = checks  # type: ignore[attr-defined]  # where schema.problems looks
         function.BY_ZONES = by_zones  # type: ignore[attr-defined]
+        function.LIMITS = limits  # type: ignore[attr-defined]
         return function
 
     return enter if function is None else enter(function)
@@ -153,6 +163,12 @@ def _module_of(function: Callable[..., Any]) -> str:
 def is_by_zones(function: Score) -> bool:
     """Whether the score depends only on which robots are in each zone."""
     return bool(getattr(function, "BY_ZONES", False))
+
+
+def limits_of(function: Score) -> Limits | None:
+    """The function that gives the limits of an objective's scores, if it has one."""
+    found: Limits | None = getattr(function, "LIMITS", None)
+    return found
 
 
 def first_line(function: Callable[..., Any]) -> str:

@@ -1,7 +1,7 @@
 """The facts that the page of a race shows, read from its run folder; the race may be running or stopped."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission
-from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.elimination.summary import Headline, Scores
 from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.race.session.view import RaceView
@@ -27,6 +27,7 @@ from mercator_design.results.files import (
 )
 from mercator_design.results.listing import run_of
 from mercator_design.results.provenance import Provenance
+from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.sim.robot_model import RobotModel
 
 MAX_ELITES = 8
@@ -138,11 +139,19 @@ class Facts:
         """The elites of all iterations, the latest first."""
         return list(dict.fromkeys(number for one in reversed(self.view.iterations) for number in one.elites))
 
+    @property
+    def possible_scores(self) -> ScoreRange:
+        """The range of the scores of the task."""
+        return ANY_SCORE if self.provenance is None else self.provenance.possible_scores
+
     @cached_property
-    def tested(self) -> Scores | None:
-        """The scores of the winner on its test instances."""
-        scores = self.view.test_scores().get(self.best) if self.best is not None else None
-        return Scores(scores) if scores else None
+    def headline(self) -> Headline | None:
+        """The score of the winner, or of the best so far."""
+        return self.view.headline(self.possible_scores)
+
+    def scores(self, configuration: int) -> Scores:
+        """The scores of a configuration in the race."""
+        return Scores(tuple(self.view.scores(configuration).values()), self.possible_scores)
 
     def pfsm(self, configuration: int) -> Pfsm | None:
         """The PFSM of a configuration, if PFSMs were raced."""
@@ -168,6 +177,6 @@ class Facts:
         is_winner = configuration == self.best and self.view.is_complete
         return f"{configuration} (winner)" if is_winner else str(configuration)
 
-    def command(self, *verb: str) -> str:
-        """The command that runs a verb of mdesign on the folder; by default the one that makes the page."""
-        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named)])
+    def command(self, *verb: str, file: str = "", options: Sequence[str] = ()) -> str:
+        """The command that runs a verb of mdesign on the folder or a file of it; by default the one for the page."""
+        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named / file), *options])

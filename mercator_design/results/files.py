@@ -19,6 +19,7 @@ from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.results.provenance import PROVENANCE, Provenance, not_a_run_folder
 from mercator_design.results.provenance import read as read_provenance_file
+from mercator_design.scores import ANY_SCORE, ScoreRange
 
 JOURNAL = "journal.jsonl"
 TASKS: Mapping[str, type[Task[Any]]] = {"mission": Designer, "scenario": Tuner}
@@ -97,6 +98,14 @@ def read_provenance(path: Path) -> Provenance:
     found = read_provenance_file(path)
     _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
+
+
+def possible_scores(path: Path) -> ScoreRange:
+    """The range of the scores in a run folder; all scores if its provenance does not tell it."""
+    try:
+        return read_provenance(path).possible_scores
+    except RaceError:
+        return ANY_SCORE
 
 
 def without_provenance(path: Path) -> str:

@@ -7,7 +7,7 @@ provenance.json    versions, seed, budget, platform, start of the race
 failed/            the control software of failed experiments, if there are any
 fsm.txt            the winner; its name depends on the task
 results.csv        all configurations of the race, the elites first
-proof.json         the winner and others on fresh instances, for the report (results/analysis/proof.py)
+comparison.json    the winner and others on fresh instances, for the report (results/analysis/comparison.py)
 report.html        the report (show/report/)
 
 When a race has finished, its provenance is written again, with "finished", before the last two.
@@ -81,6 +81,9 @@ class RunFolder:
             race=start,
             request=request,
             testing=testing,
+            score_low=_finite(task.possible_scores.low),
+            score_high=_finite(task.possible_scores.high),
+            maximise=task.maximise,
             started=now(),
             python=sys.version.split()[0],
             libraries={name: version(name) for name in _LIBRARIES},
@@ -181,15 +184,15 @@ class RunFolder:
         Raises:
             RaceError: if they cannot be written.
         """
-        scores, optimizer = result.scores, self.task.optimizer
-        tested = result.tests.get(result.configuration)
+        shown, optimizer = result.headline, self.task.optimizer
         digest = self.journal.record.ends[-1].digest
         header = self._header() | {
-            "score": f"{scores.mean:.6g} (mean of {len(scores.values)} experiments in the race)",
-            "spread": f"{scores.standard_deviation or 0.0:.6g} (standard deviation)",
+            "score": f"{shown.scores.mean:.6g}{shown.scores.possible.limit} (mean {shown.where})",
+            "spread": f"{shown.scores.standard_deviation or 0.0:.6g} (standard deviation of these)",
         }
-        if tested:
-            header["test"] = f"{tested.mean:.6g} (mean of {len(tested.values)} tests on fresh instances)"
+        if shown.is_fresh:
+            raced = result.scores
+            header["score in the race"] = f"{raced.mean:.6g} (mean of {len(raced.values)} runs)"
         header |= {"budget": str(optimizer.budget), "journal": digest[:16]}
         finished = replace(
             self._provenance,
@@ -221,7 +224,7 @@ class RunFolder:
 
     def _results(self) -> str:
         """The configurations that were raced as CSV, the elites first."""
-        (number, *names), rows = configuration_rows(self.journal.record)
+        (number, *names), rows = configuration_rows(self.journal.record, self.task.possible_scores)
         elites = [elite.configuration for elite in self.task.optimizer.elites]
         ranks = {configuration: rank for rank, configuration in enumerate(elites, start=1)}
         rows.sort(key=lambda row: ranks.get(row[0], math.inf))  # others stay in the order of their numbers
@@ -238,6 +241,10 @@ class RunFolder:
         """Remove incomplete files of an interruption."""
         for name in (PROVENANCE, _RESULTS, self.task.WINNER, *self.task.files()):
             remove_drafts(self.path / name)
+
+
+def _finite(limit: float) -> float | None:
+    return limit if math.isfinite(limit) else None
 
 
 def _claimed(path: Path) -> Journal:

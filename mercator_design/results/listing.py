@@ -1,15 +1,16 @@
 """The facts on races that lists show, from their run folders."""
 
+import math
 from pathlib import Path
-from statistics import fmean
 from typing import Any
 
 from mercator_design.errors import RaceError
 from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.race.session.record import OtherVersion
-from mercator_design.results.files import JOURNAL, read_journal, wrong_end
+from mercator_design.race.session.view import RaceView
+from mercator_design.results.files import JOURNAL, possible_scores, read_journal, wrong_end
 
-COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "tested")
+COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", "state", "started", "score", "measured")
 """The columns of a table of races; see `run_of`."""
 
 
@@ -44,11 +45,15 @@ def _modified(file: Path) -> float:
         return 0.0
 
 
-_KEYS = (*COLUMNS, "winner", "notes")
+_KEYS = (*COLUMNS, "winner", "race_score", "race_runs", "fresh_score", "fresh_runs", "low", "high", "notes")
 
 
 def run_of(path: Path, reading: Reading) -> dict[str, Any]:
-    """The facts on a race that a table of races shows: the keys are `_KEYS`."""
+    """The facts on a race that a table of races shows: the keys are `_KEYS`.
+
+    `score` is the headline of the winner or the best so far, `measured` says where; `low` and `high` are the limits of
+    possible scores, None if there are none.
+    """
     record = reading.record
     run: dict[str, Any] = dict.fromkeys(_KEYS) | {"run": str(path), "experiments": len(record.experiments)}
     is_running, missing = is_locked(path / JOURNAL), ""
@@ -71,7 +76,21 @@ def run_of(path: Path, reading: Reading) -> dict[str, Any]:
         run |= {"flavour": record.start.get("flavour"), "budget": record.budget}
     if record.sessions:
         run["started"] = record.sessions[0].time
-    if (winner := record.view.winner) is not None:
-        score = fmean(record.view.scores(winner).values())
-        run |= {"winner": winner, "score": score, "tested": record.view.tested_score}
-    return run
+    return run | {"winner": record.view.winner} | _scores(path, record.view)
+
+
+def _scores(path: Path, view: RaceView) -> dict[str, Any]:
+    """The scores of the winner or the best so far."""
+    possible = possible_scores(path)
+    limits = {"low": possible.low, "high": possible.high}
+    found: dict[str, Any] = {name: limit if math.isfinite(limit) else None for name, limit in limits.items()}
+    if (headline := view.headline(possible)) is None:
+        return found
+    found |= {"score": headline.scores.mean, "measured": headline.where}
+    for where, of in (
+        ("race", view.headline(possible, fresh=False)),
+        ("fresh", headline if headline.is_fresh else None),
+    ):
+        if of is not None:
+            found |= {f"{where}_score": of.scores.mean, f"{where}_runs": len(of.scores.values)}
+    return found

@@ -11,6 +11,7 @@ from mercator_design.config.writing import plain
 from mercator_design.errors import RaceError
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import Number
+from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.system.files import write_text
 
 PROVENANCE = "provenance.json"
@@ -36,6 +37,9 @@ class Provenance:
     race: Mapping[str, object]  # its start, as in its journal
     request: Request
     testing: Testing | None = None
+    score_low: float | None = None  # the least possible score of its task; None if there is none
+    score_high: float | None = None  # the largest
+    maximise: bool = False  # whether a higher score is better
     started: str
     python: str
     libraries: Mapping[str, str]
@@ -48,6 +52,16 @@ class Provenance:
     winner: Number | None = None
     journal: str | None = None  # digest of its journal
     seconds: float | None = None
+
+    @property
+    def possible_scores(self) -> ScoreRange:
+        """The range of the scores of the task."""
+        low, high = self.score_low, self.score_high
+        return ScoreRange(
+            low=ANY_SCORE.low if low is None else low,
+            high=ANY_SCORE.high if high is None else high,
+            maximise=self.maximise,
+        )
 
 
 def not_a_run_folder(folder: Path) -> RaceError:

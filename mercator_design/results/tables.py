@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from mercator_design.errors import RaceError
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.record import Record
-from mercator_design.results.files import TASKS, read_journal
+from mercator_design.results.files import TASKS, possible_scores, read_journal
+from mercator_design.scores import ScoreRange
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +68,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     record = read_journal(path).record
     if not record.start:
         raise RaceError(f"{path}: no race has begun here yet")
-    names, rows = configuration_rows(record)
+    names, rows = configuration_rows(record, possible_scores(path))
     dtypes = {name: dtype for name, dtype in _DTYPES.items() if name in names}
     return pd.DataFrame(rows, columns=names, dtype=object).astype(dtypes).set_index("configuration")
 
@@ -79,7 +80,7 @@ def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
     return table.astype({"score": float})
 
 
-def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
+def configuration_rows(record: Record, possible: ScoreRange) -> tuple[list[str], list[list[Any]]]:
     """The columns of `configurations_table`, the number of the configuration first, and its rows.
 
     These are plain lists: each race writes them at its end, and pandas takes long to import.
@@ -104,13 +105,13 @@ def configuration_rows(record: Record) -> tuple[list[str], list[list[Any]]]:
         row: list[Any] = [number, min(one.iteration for one in own), len(own), len(own) - len(found)]
         row += [scores.mean if found else None, scores.standard_deviation]
         if tests:
-            row += _tested(tests.get(number, ()))
+            row += _tested(tests.get(number, ()), possible)
         rows.append([*row, record.parents[number], *(column[k] for column in columns.values())])
     return names, rows
 
 
-def _tested(found: tuple[float, ...]) -> list[float | None]:
+def _tested(found: tuple[float, ...], possible: ScoreRange) -> list[float | None]:
     if not found:
         return [None] * len(_OF_TESTS)
-    scores = Scores(found)
+    scores = Scores(found, possible)
     return [len(found), scores.mean, *(scores.confidence_interval or (None, None))]

@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 from mercator_design import seeds
 from mercator_design.errors import MissionError
 from mercator_design.missions.floor import Disc, Dynamics, Floor, HalfPlane, Tiles
+from mercator_design.missions.mission import Objective
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.objectives.coverage import (
     cell_age,
@@ -35,6 +36,7 @@ from mercator_design.missions.objectives.in_zones import (
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
 from mercator_design.missions.objectives.mapping import seen_area
 from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace, every_nth, not_measured
 
 FLOOR = Floor(
@@ -547,6 +549,70 @@ def test_the_contract(name):
     assert np.isfinite(score)
     assert np.array_equal(before.poses[..., :2], positions)
     assert OBJECTIVES[name](trace(positions[:, ::-1]), **EVERY_PARAMETER[name]) == pytest.approx(score, rel=1e-12)
+
+
+SPREAD = seeds.generator(3, "test").uniform(-3, 3, (50, 6, 2))
+TOGETHER = np.zeros((50, 6, 2))
+AT_REST = np.broadcast_to(SPREAD[0], SPREAD.shape)
+JUMPS = np.where(np.arange(50)[:, np.newaxis, np.newaxis] % 2, SPOT, NEST) + np.zeros((50, 6, 2))
+
+
+@pytest.mark.parametrize("name", OBJECTIVES)
+def test_scores_are_within_their_limits(name):
+    parameters = EVERY_PARAMETER[name]
+    given = [parameters]
+    if "when" in parameters:
+        given += [parameters | {"when": when, **share} for when in ("end", "always") for share in _shares(name)]
+    for one in given:
+        objective = Objective(name=name, direction="maximise", parameters=one)
+        for positions in (SPREAD, TOGETHER, AT_REST, JUMPS, SPREAD / 10):
+            run = trace(positions)
+            possible = objective.possible_scores(ExperimentSize(run.robots, run.cycles, run.floor, run.zone_rows))
+            assert possible.low > -math.inf
+            assert possible.has(objective(run)), (one, possible, objective(run))
+
+
+def _shares(name):
+    return ({"share": False}, {"share": True}) if name.startswith("robots_in") else ({},)
+
+
+REACHED = {
+    "robots_in_zone": ({"zones": ("spot",), "when": "always"}, TOGETHER),
+    "robots_in_fullest_zone": ({"zones": ("spot", "nest"), "when": "end", "share": True}, TOGETHER),
+    "stop_when_told": ({"signal": "spot", "color": "black"}, TOGETHER),
+    "stop_when_found": ({"zones": ("spot",)}, TOGETHER + np.arange(50)[:, np.newaxis, np.newaxis].clip(0, 1) * 0.1),
+    "robots_where_told": ({"signal": "spot", "places": {"black": "spot"}}, TOGETHER),
+    "zones_in_color": ({"zones": ("tiles",), "color": "red", "when": "always"}, TOGETHER),
+    "surface_distance": ({"square_center": (9.0, 9.0), "square_side": 1.0}, TOGETHER),
+    "cell_age": ({"side": 1.0, "cells": 2}, TOGETHER + 9.0),
+}
+
+
+@pytest.mark.parametrize("name", REACHED)
+def test_the_highest_score_is_possible(name):
+    parameters, positions = REACHED[name]
+    run = trace(positions)
+    objective = Objective(name=name, direction="maximise", parameters=parameters)
+    size = ExperimentSize(run.robots, run.cycles, run.floor, run.zone_rows)
+    assert objective(run) == pytest.approx(objective.possible_scores(size).high, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("zones", "share", "high"),
+    [
+        (("spot", "other"), False, 3.0),  # apart
+        (("spot", "other"), True, 1.0),
+        (("spot", "yolk"), False, 6.0),  # one is within the other
+        (("spot", "spot"), False, 6.0),
+        (("spot", "nest"), False, 6.0),  # a half plane: who knows
+    ],
+)
+def test_the_emptiest_zone_has_all_robots_only_if_zones_overlap(zones, share, high):
+    objective = Objective(
+        name="robots_in_emptiest_zone", direction="maximise", parameters={"zones": zones, "share": share}
+    )
+    run = trace(SPREAD)
+    assert objective.possible_scores(ExperimentSize(6, run.cycles, run.floor, run.zone_rows)).high == high
 
 
 def test_a_trace_must_fit_together():

@@ -1,5 +1,6 @@
 """Objectives and floor dynamics of a user's own: found in a file, checked as ours are, named where they are missing."""
 
+import math
 import re
 import shlex
 import subprocess
@@ -109,6 +110,34 @@ class TestLoading:
         expected = f"objective northernmost: expected a score from -1e+100 to 1e+100, found {float(number)}"
         with pytest.raises(MissionError, match=rf"/my.py:\d+: {re.escape(expected)}"):
             simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    @pytest.mark.parametrize(
+        ("limits", "message"),
+        [
+            ("(0.0, 1e-9)", "expected a score from 0 to 1e-09, as its limits are, found "),
+            ("(1.0, 0.0)", "expected limits: the least and the largest score, found (1.0, 0.0)"),
+            ("None", "expected limits: the least and the largest score, found None"),
+            ("1 / 0", "ZeroDivisionError: division by zero"),
+        ],
+    )
+    def test_limits_that_are_wrong_are_named(self, write, limits, message):
+        text = NORTHERN.replace(
+            "@objective\ndef northernmost", f"@objective(limits=lambda size, **_: {limits})\ndef northernmost"
+        )
+        load_plugin(write(text))
+        simulator = Simulator(load_mission("aggregation", [NORTH, "duration=1"]))
+        with pytest.raises(MissionError, match=rf"/my.py:\d+: .*{re.escape(message)}"):
+            simulator.run(parse("--nstates 1 --s0 1"), 1)
+
+    def test_limits_may_be_half_known(self, write):
+        limits = "(size.robots * -1.3, math.inf)"
+        text = NORTHERN.replace(
+            "@objective\ndef northernmost", f"@objective(limits=lambda size, **_: {limits})\ndef northernmost"
+        )
+        load_plugin(write(text.replace("from mercator", "import math\n\nfrom mercator", 1)))
+        mission = load_mission("aggregation", [NORTH, "duration=1"])
+        assert mission.possible_scores() == (-1.3 * 3, math.inf, True)
+        Simulator(mission).run(parse("--nstates 1 --s0 1"), 1)
 
     @pytest.mark.parametrize(
         ("body", "message"),

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from mercator_design.race import IteratedRace
-from mercator_design.race.elimination.summary import Progress
+from mercator_design.race.elimination.summary import Progress, Scores
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session import events
 from mercator_design.race.session.events import (
@@ -85,8 +85,8 @@ def test_live_and_from_the_journal_it_is_the_same(tmp_path):
         view.live = None
         assert (view.leader, view.winner, view.is_complete) == (*[run.result.configuration] * 2, True)
         assert view.test_scores() == {one: scores.values for one, scores in run.result.tests.items()}
-        assert view.tested_score == pytest.approx(run.result.tests[view.leader].mean)
-        assert view.best_score == pytest.approx(run.result.scores.mean)
+        assert view.headline() == run.result.headline == (run.result.tests[view.leader], True)
+        assert view.headline(fresh=False) == (run.result.scores, False)
         assert tuple(view.scores(view.leader).values()) == run.result.scores.values
     assert [vars(view) for view in views[1:]] == [vars(view) for view in views[:1]]
 
@@ -109,14 +109,16 @@ def test_who_leads_while_a_race_ends_and_is_extended():
     for number in (0, 1):
         view.note(ConfigurationAdded(configuration=number, parent=None, values={}))
         view.note(ExperimentDone(experiment=number, configuration=number, instance=0, score=3.0 - number, **ONE))
-    assert (view.leader, view.best_score) == (None, None)
+    assert (view.leader, view.headline()) == (None, None)
     view.note(IterationEnded(iteration=1, alive=1, elites=(1, 0), **ENDED))
-    assert (view.leader, view.best_score, view.winner, view.is_complete) == (1, 2.0, None, False)
+    assert (view.leader, view.headline(), view.winner, view.is_complete) == (1, (Scores((2.0,)), False), None, False)
     view.note(RaceEnded(budget=2, experiments=2, winner=0))
     view.note(events.TestDone(configuration=0, instance=1, seed=1, score=7.0))
     view.note(events.TestDone(configuration=0, instance=0, seed=1, score=None, failure="why"))
     view.note(events.TestDone(configuration=1, instance=0, seed=1, score=1.0))
-    assert (view.leader, view.best_score, view.tested_score, view.is_complete) == (0, 3.0, 7.0, True)
+    assert (view.leader, view.headline(), view.is_complete) == (0, (Scores((7.0,)), True), True)
+    assert view.headline(fresh=False).where == "in the race, 1 run"
+    assert view.headline().where == "on 1 fresh instance"
     assert view.test_scores() == {0: (7.0,), 1: (1.0,)}
     view.note(BudgetExtended(budget=4))
     assert (view.leader, view.winner, view.is_complete, view.budget) == (1, 0, False, 4)

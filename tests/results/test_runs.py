@@ -61,7 +61,7 @@ pytestmark = pytest.mark.together
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 QUICK = ["--method", "irace", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
-RACE = ["race", "aggregation", "--budget", "120", *QUICK]
+RACE = ["race", "aggregation", "--budget", "120", "--test-runs", "0", *QUICK]
 FAILING = """
 from mercator_design.missions.plugins import objective
 
@@ -155,7 +155,11 @@ class TestResume:
         stop(folder, 50)
         code, out, err = mdesign("race", "--resume", folder)
         assert (code, warnings(err)) == (0, [])
-        assert re.search(r"^Winner .* score [\d.]+ \(sd [\d.]+, n=\d+\) over the race's", out, re.MULTILINE)
+        assert re.search(
+            r"^Winner .* score [\d.]+ of at most 2 in the race, \d+ runs \([\d.]+ to [\d.]+ at 95%\)$",
+            out,
+            re.MULTILINE,
+        )
         assert "120 of 120 experiments" in out
         assert "69 of them now" in out
         assert digest(folder) == digest(undisturbed)
@@ -344,14 +348,15 @@ class TestTests:
         tests, winner = tables.tests_table(folder), read(folder / JOURNAL).record.ends[-1].winner
         assert list(tests[tests.configuration == winner].score) == evaluated["scores"]
         assert f"configuration {winner}" in out.partition("Tested")[2]
-        assert f"mean {evaluated['mean']:.4g}, " in out
-        assert "-n 12 does for the winner" in out
+        low, high = evaluated["confidence_interval"]
+        score = f"{evaluated['mean']:.4g} of at most 2 on 12 fresh instances ({low:.4g} to {high:.4g} at 95%)"
+        assert f"configuration {winner}: score {score}\n" in out
+        assert f"on the same instances: mdesign evaluate {folder / 'fsm.txt'} -n 12\n" in out
         results = pd.read_csv(folder / "results.csv", index_col="configuration")
         assert len(results[results.tests == 12]) == len(set(tests.configuration)) >= 3
-        low, high = evaluated["confidence_interval"]
         assert (results.test_low[winner], results.test_high[winner]) == pytest.approx((low, high))
         lines = [re.split(" {2,}", line) for line in re.findall(r"^ {11}(configuration .*mean.*)$", out, re.MULTILINE)]
-        assert (lines[0][0], lines[0][2].partition(",")[0]) == (
+        assert (lines[0][0], lines[0][2].partition(" (")[0]) == (
             f"configuration {winner}",
             f"mean {evaluated['mean']:.4g}",
         )
@@ -381,11 +386,20 @@ class TestTests:
 
     def test_after_the_race(self, mdesign, folder, undisturbed):
         assert "Tested" not in mdesign("race", "--resume", folder)[1]
-        assert "(n=5)" in mdesign("race", "--resume", folder, "--test-runs", 5)[1]
+        assert "on 5 fresh instances (" in mdesign("race", "--resume", folder, "--test-runs", 5)[1]
         out = mdesign("race", "--resume", folder, "--test-elites", 2)[1]
-        assert out.partition("Tested")[2].count("(n=5)") == 2
+        assert re.findall(r"^ {11}configuration \d+ +(\w+(?: \d)?)", out, re.MULTILINE) == ["winner", "elite 2"]
+        assert "Tested     on 5 fresh instances, beyond the budget:" in out
         assert digest(folder) == digest(undisturbed)
-        assert "Tested" not in mdesign("race", "--resume", folder, "--test-runs", 0)[1]
+        out = mdesign("race", "--resume", folder, "--test-runs", 0)[1]
+        assert "Tested" not in out
+        assert "on 5 fresh instances (" in out  # what is known stays
+
+    def test_thirty_by_default(self, mdesign, tmp_path):
+        quick = [word for word in RACE if word not in ("--test-runs", "0")]
+        out = mdesign(*quick, "-o", tmp_path / "r")[1]
+        assert "on 30 fresh instances (" in out
+        assert len(tables.tests_table(tmp_path / "r")) == 30
 
     def test_options_that_need_another(self, mdesign, folder):
         code, _, err = mdesign("race", "--resume", folder, "--test-elites", 2)
@@ -461,7 +475,7 @@ class TestProgress:
         [
             (60, "aggregation: iteration 8/9, "),
             (80, "aggregation: iteration 8/9, 17 alive, best 2.8"),
-            (140, "aggregation: iteration 8/9, 17 alive, best 2.8 (sd 0.414, n=15)"),
+            (140, "aggregation: iteration 8/9, 17 alive, best 2.8 in the race (15 runs, sd 0.414)"),
         ],
     )
     def test_figures_are_whole_in_any_terminal(self, shown, columns, text):

@@ -76,7 +76,7 @@ def test_the_end_of_a_race_is_shown_at_once(place):
     place.pool.takes = 3.0
     place.kept.get(part, place.folder)
     grow(place)
-    (place.folder / "proof.json").touch()
+    (place.folder / "comparison.json").touch()
     assert place.kept.get(part, place.folder) == (PagePart("job 2", None), True)
 
 

@@ -31,7 +31,7 @@ from mercator_design.show.text.simplification import evidence, simplification_pa
 from mercator_design.sim.checks.no_effect import dead_transitions
 from mercator_design.system.files import write_text, writing
 
-_OF_THE_ORIGINAL = {"score", "spread", "test", "configuration"}
+_OF_THE_ORIGINAL = {"score", "spread", "score in the race", "configuration"}
 """Entries of a header that are not true of a simpler PFSM."""
 
 

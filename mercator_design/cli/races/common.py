@@ -159,7 +159,7 @@ def run(
     executor_name: str,
     interrupt: Interrupt,
     *,
-    proof_runs: int | None = None,
+    compares: bool = True,
     **given: Unpack[RunOptions],
 ) -> None:
     """Run the race of a folder to its end, print its summary, and write its report."""
@@ -226,12 +226,10 @@ def run(
         print_result(with_notes_wrapped(summary, terminal_width()), nl=False, err=json_lines)
     print_result(written(folder), err=json_lines)
     if not given["no_report"]:
-        _report(folder, proof_runs, jobs, progress, interrupt, err=json_lines)
+        _report(folder, compares, jobs, progress, interrupt, err=json_lines)
 
 
-def _report(
-    folder: RunFolder, proof_runs: int | None, jobs: int, progress: Mode, interrupt: Interrupt, *, err: bool
-) -> None:
+def _report(folder: RunFolder, compares: bool, jobs: int, progress: Mode, interrupt: Interrupt, *, err: bool) -> None:
     """Write the report of a race that has ended; if that is not possible, the race's results stay."""
     output, later = folder.path / REPORT, f"to write it: {shlex.join(['mdesign', 'report', str(folder.path)])}"
     try:
@@ -239,7 +237,7 @@ def _report(
             folder.path,
             output,
             task=folder.task,
-            proof_runs=proof_runs,
+            compares=compares,
             jobs=min(jobs, available_jobs()),
             progress=progress,
             stopped=interrupt.came,

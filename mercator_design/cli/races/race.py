@@ -23,7 +23,7 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
-from mercator_design.cli.races.reporting import NO_REPORT, PROOF_RUNS
+from mercator_design.cli.races.reporting import NO_COMPARISON, NO_REPORT
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import NumberRange, print_note
 from mercator_design.designer import Designer
@@ -33,6 +33,7 @@ from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.session.evaluation import Testing
+from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
@@ -79,12 +80,13 @@ _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' thread
     "--test-runs",
     type=click.IntRange(0, 10**6),
     metavar="N",
-    help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
+    help="When the race has ended, run the winner on N fresh instances, beyond the budget: their mean is its score. "
+    f"0: do not.  [default: {TEST_RUNS}]",
 )
 @click.option("--test-elites", type=click.IntRange(1, 10**6), metavar="N", help="Test the N best elites.  [default: 1]")
 @click.option("--test-iterations", is_flag=True, help="Test as many elites of each iteration, too.")
 @NO_REPORT
-@PROOF_RUNS
+@NO_COMPARISON
 @OPTUNA
 @PROGRESS
 @JSON_LINES
@@ -105,7 +107,7 @@ def race(
     test_runs: int | None,
     test_elites: int | None,
     test_iterations: bool,
-    proof_runs: int | None,
+    no_comparison: bool,
     overrides: tuple[str, ...],
     **given: Unpack[RunOptions],
 ) -> None:
@@ -125,7 +127,7 @@ def race(
     else:
         assert mission is not None  # noqa: S101 - `check_usage` has checked
         assert budget is not None  # noqa: S101
-        testing = _testing(None, tests)
+        testing = _testing(None, {**tests, "runs": TEST_RUNS if test_runs is None else test_runs})
         simulator = Simulator(load_mission(mission, overrides))
         warn_of_mission(simulator, refuse=True)
         designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
@@ -141,7 +143,7 @@ def race(
                 folder.extend(budget)
             folder.test(_testing(folder.testing, tests))
             folder.task.prepare(print_note)
-        run(folder, executor, executor_name, interrupt, proof_runs=proof_runs, **given)
+        run(folder, executor, executor_name, interrupt, compares=not no_comparison, **given)
 
 
 def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:
@@ -149,10 +151,9 @@ def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:
     changes = {name: value for name, value in given.items() if value is not None}
     if before is None and "runs" not in changes and changes:
         raise click.UsageError("--test-elites and --test-iterations need --test-runs N")
-    if before is None and not changes:
+    if given["runs"] == 0 or (before is None and not changes):
         return None
-    testing = Testing(**changes) if before is None else replace(before, **changes)
-    return testing if testing.runs else None
+    return Testing(**changes) if before is None else replace(before, **changes)
 
 
 def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> Executor:

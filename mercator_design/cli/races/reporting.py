@@ -1,5 +1,6 @@
 """Writes the report of a race: at the end of the race, and by `mdesign report`."""
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,14 @@ from mercator_design.command import print_note
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session.task import Task
-from mercator_design.results.analysis.proof import Proof, default_runs, prove, read_proof
+from mercator_design.results.analysis.comparison import (
+    MAX_OTHERS,
+    TEST_RUNS,
+    WinnerComparison,
+    compare_winner,
+    read_comparison,
+    winner_tests,
+)
 from mercator_design.results.experiments.winner import run_again
 from mercator_design.results.facts import Facts
 from mercator_design.results.files import JOURNAL, restored
@@ -19,12 +27,10 @@ from mercator_design.show.report.page import MAX_SIZE, REPORT, report_page
 from mercator_design.show.text.progress import Display, Mode
 from mercator_design.system.files import Unreadable, read_small, write_text, writing
 
-PROOF_RUNS = click.option(
-    "--proof-runs",
-    type=click.IntRange(0, 10**6),
-    metavar="N",
-    help="In the report, compare the winner with others on N fresh instances, beyond the budget; 0: do not.  "
-    "[default: about 8 % of the budget, but at least 5 and at most 50 instances each]",
+NO_COMPARISON = click.option(
+    "--no-comparison",
+    is_flag=True,
+    help="In the report, do not compare the winner with others: experiments on its test instances, beyond the budget.",
 )
 NO_REPORT = click.option(
     "--no-report", is_flag=True, envvar="MDESIGN_NO_REPORT", help="Do not write report.html into the results' folder."
@@ -36,18 +42,18 @@ def write_report(
     output: Path,
     *,
     task: Task[Any] | None = None,
-    proof_runs: int | None = None,
+    compares: bool = True,
     jobs: int | None = None,
     progress: Mode = "auto",
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Write the report of a race, and run the experiments of its proof if they have not run.
+    """Write the report of a race, and run the experiments of its comparison if they have not run.
 
     Args:
         folder: The run folder.
         output: The page.
         task: The task, if this process has run the race.
-        proof_runs: Number of fresh instances. [default: those of the proof in the folder, else `default_runs`]
+        compares: Whether to compare the winner with others on the fresh instances of its tests.
         jobs: Experiments run at once. [default: the cores that it may use]
         progress: How to show the progress of experiments.
         stopped: Returns whether to stop; called before each experiment.
@@ -59,12 +65,12 @@ def write_report(
     announce = print_note if progress != "none" else ignore
     announce(f"Report: reading the race of {folder} ...")
     facts = Facts.read(folder, task=task)
-    proof, without = _proof(facts, proof_runs, jobs, progress, stopped, announce, is_own=task is not None)
+    comparison, without = _comparison(facts, compares, jobs, progress, stopped, announce, is_own=task is not None)
     if facts.view.is_complete and facts.designer is not None:
         announce("Report: running the winner again, for the replays ...")
-    shown = run_again(facts, proof)
+    shown = run_again(facts)
     announce(f"Report: finding which {facts.parts} explain the scores, and drawing the page ...")
-    page = report_page(facts, shown, proof, without)
+    page = report_page(facts, shown, comparison, without)
     with writing(output):
         write_text(output, page)
 
@@ -82,40 +88,43 @@ def latest_report(folder: Path) -> str:
     except (OSError, Unreadable, UnicodeDecodeError):  # then it is made anew
         pass
     facts = Facts.read(folder)
-    return report_page(facts, run_again(facts, None))
+    return report_page(facts, run_again(facts))
 
 
-def _proof(
+def _comparison(
     facts: Facts,
-    runs: int | None,
+    compares: bool,
     jobs: int | None,
     progress: Mode,
     stopped: Callable[[], bool],
     announce: Callable[[str], None],
     *,
     is_own: bool,
-) -> tuple[Proof | None, str]:
-    """The proof of a race that has ended, or why there is none."""
+) -> tuple[WinnerComparison | None, str]:
+    """The comparison of a race that has ended, or why there is none."""
     designer, record = facts.designer, facts.record
-    if designer is None or not facts.record.is_complete:
+    if designer is None or not record.is_complete:
         return None, ""
-    if runs == 0:
-        return None, "The winner was not compared with others on fresh instances; --proof-runs N does that."
-    known = read_proof(facts.folder, record)
-    if known is not None and runs in {None, len(known.seeds)}:
+    without = "The winner was not compared with others on fresh instances"
+    if not (tests := winner_tests(record)):
+        again = shlex.join(["mdesign", "race", "--resume", str(facts.named), "--test-runs", str(TEST_RUNS)])
+        return None, f"{without}, because it was not tested on any: {again}"
+    if not compares:
+        return None, f"{without}: {facts.command()} does that."
+    if (known := read_comparison(facts.folder, record)) is not None:
         return known, ""
     try:
         if not is_own:
             restored(facts.folder)
     except RaceError as error:
-        return known, f"The winner was not compared with others on fresh instances: {error.messages[0]}"
+        return None, f"{without}: {error.messages[0]}"
     designer.prepare(print_note)
-    runs = runs or default_runs(designer, record)
-    announce(f"Report: running the winner and others on {runs} fresh instance{'s' * (runs != 1)} ...")
+    n = min(len(tests), MAX_OTHERS)
+    announce(f"Report: comparing the winner with others on {n} fresh instance{'s' * (n != 1)} ...")
     display = Display("report: comparing the winner", 0, progress)
     with ThreadExecutor(jobs) as executor, display:
 
         def watch(done: int, total: int) -> None:
             display.show(done, total=total)
 
-        return prove(facts.folder, designer, record, executor, runs=runs, watch=watch, stopped=stopped), ""
+        return compare_winner(facts.folder, designer, record, executor, watch=watch, stopped=stopped), ""

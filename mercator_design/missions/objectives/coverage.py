@@ -13,6 +13,7 @@ from mercator_design.arrays import Floats, Numbers
 from mercator_design.config.schema import Positive, Range
 from mercator_design.missions.arena import Point, Size
 from mercator_design.missions.plugins import Zones, objective
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
 
 Side = Annotated[float, Range(0.01, 1000.0)]
@@ -23,7 +24,11 @@ _AROUND = 720  # points on a circle
 _OUTWARDS, _TURNS = 48, 144  # points on a disc
 
 
-@objective
+def _of_ages(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, size.cycles * (size.cycles - 1) / 2.0
+
+
+@objective(limits=_of_ages)
 def cell_age(
     trace: Trace,
     *,
@@ -46,7 +51,11 @@ def cell_age(
     return float(np.sum(gaps * (gaps - 1) // 2) / (cells * cells))
 
 
-@objective
+def _of_visits(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.cycles)
+
+
+@objective(limits=_of_visits)
 def cells_visited(
     trace: Trace,
     *,
@@ -71,7 +80,19 @@ def _visits(trace: Trace, side: float, cells: int) -> tuple[Numbers, Numbers]:
     return cell.astype(np.int64), np.nonzero(on_grid)[0]
 
 
-@objective
+def _of_both(
+    size: ExperimentSize,  # noqa: ARG001 - the distances that count are limited
+    *,
+    farthest_in_square: float,
+    farthest_on_circle: float,
+    square_unit: float,
+    circle_unit: float,
+    **_: object,
+) -> tuple[float, float]:
+    return 0.0, farthest_in_square / square_unit + farthest_on_circle / circle_unit
+
+
+@objective(limits=_of_both)
 def surface_and_perimeter(
     trace: Trace,
     *,
@@ -101,7 +122,11 @@ def surface_and_perimeter(
     return from_square / square_unit + from_circle / circle_unit
 
 
-@objective
+def _of_square(size: ExperimentSize, *, farthest: float, **_: object) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, (100.0 * farthest) ** 2
+
+
+@objective(limits=_of_square)
 def surface_distance(
     trace: Trace,
     *,
@@ -116,7 +141,11 @@ def surface_distance(
     return (100.0 * _surface_distance(trace.final_positions, square_center, square_side, farthest)) ** 2
 
 
-@objective
+def _of_disc(size: ExperimentSize, *, farthest: float, unit: float, **_: object) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, farthest / unit
+
+
+@objective(limits=_of_disc)
 def coverage_outside_zones(
     trace: Trace,
     *,

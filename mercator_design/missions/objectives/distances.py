@@ -8,16 +8,17 @@ from mercator_design.arrays import Floats
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import Point
 from mercator_design.missions.plugins import objective
+from mercator_design.missions.score_limits import from_zero
 from mercator_design.missions.trace import Trace
 
 
-@objective
+@objective(limits=from_zero)
 def pair_distance(trace: Trace) -> float:
     """Attraction: the distances [m] between all pairs of robots, summed over pairs and cycles; a cost."""
     return float(np.sum(_distances(trace)[:, 0]))
 
 
-@objective
+@objective(limits=from_zero)
 def nearest_distance(trace: Trace) -> float:
     """Repulsion: from each robot the distance [m] to the nearest other one, summed over robots and cycles.
 
@@ -26,14 +27,14 @@ def nearest_distance(trace: Trace) -> float:
     return float(np.sum(_distances(trace)[:, 1]))
 
 
-@objective
+@objective(limits=from_zero)
 def path_length(trace: Trace) -> float:
     """Stop: how far [m] the robots went, from cycle to cycle, summed; a cost. The original counts centimetres."""
     steps = np.diff(trace.poses[..., :2], axis=0)
     return float(np.sum(np.hypot(steps[..., 0], steps[..., 1])))
 
 
-@objective
+@objective(limits=from_zero)
 def distance_to(
     trace: Trace,
     *,

@@ -15,6 +15,7 @@ from mercator_design.missions.arena import Size
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import zone_contains
 from mercator_design.missions.plugins import Zones, objective
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
 
 Radius = Annotated[float, Range(0.01, 10.0)]
@@ -24,7 +25,11 @@ _COARSE = 0.03
 """[m] between points; errors average out in the sum over cycles."""
 
 
-@objective
+def _of_area(size: ExperimentSize, *, radius: float, **_: object) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, len(_disc(radius, _FINE)) * _FINE * _FINE
+
+
+@objective(limits=_of_area)
 def network_area(
     trace: Trace,
     *,
@@ -44,7 +49,11 @@ def network_area(
     return float(seen[0]) * _FINE * _FINE
 
 
-@objective
+def _of_shares(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.cycles)
+
+
+@objective(limits=_of_shares)
 def network_share(
     trace: Trace,
     *,
@@ -66,7 +75,11 @@ def network_share(
     return float(np.sum(seen)) / max(len(points), 1)
 
 
-@objective
+def _of_diameters(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.cycles * (size.robots - 1))
+
+
+@objective(limits=_of_diameters)
 def network_diameter(
     trace: Trace,
     *,

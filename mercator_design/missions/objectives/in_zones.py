@@ -9,6 +9,7 @@ from mercator_design.arrays import Numbers
 from mercator_design.config.colours import Colour, ColourName, rgb
 from mercator_design.config.schema import FieldError, Length, Range
 from mercator_design.missions.plugins import When, Zone, Zones, objective
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
 
 Value = Annotated[float, Range(-1e6, 1e6)]
@@ -16,7 +17,11 @@ ZoneValues = Annotated[Mapping[Zone, Value], Length(1)]
 SeveralZones = Annotated[Zones, Length(2)]
 
 
-@objective(by_zones=True)
+def _of_robots(size: ExperimentSize, *, when: When, share: bool, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.counted(when) * (1 if share else size.robots))
+
+
+@objective(by_zones=True, limits=_of_robots)
 def robots_in_zone(
     trace: Trace,
     *,
@@ -29,7 +34,7 @@ def robots_in_zone(
     return robots / trace.robots if share else robots
 
 
-@objective(by_zones=True)
+@objective(by_zones=True, limits=_of_robots)
 def robots_in_fullest_zone(
     trace: Trace,
     *,
@@ -42,7 +47,14 @@ def robots_in_fullest_zone(
     return robots / trace.robots if share else robots
 
 
-@objective(by_zones=True)
+def _of_emptiest(
+    size: ExperimentSize, *, zones: SeveralZones, when: When, share: bool, **_: object
+) -> tuple[float, float]:
+    robots = size.robots // len(zones) if size.are_apart(zones) else size.robots
+    return 0.0, size.counted(when) * robots * (len(zones) / size.robots if share else 1.0)
+
+
+@objective(by_zones=True, limits=_of_emptiest)
 def robots_in_emptiest_zone(
     trace: Trace,
     *,
@@ -55,7 +67,7 @@ def robots_in_emptiest_zone(
     return robots * len(zones) / trace.robots if share else robots
 
 
-@objective(by_zones=True)
+@objective(by_zones=True, limits=_of_robots)
 def zone_difference(
     trace: Trace,
     *,
@@ -68,7 +80,15 @@ def zone_difference(
     return difference / trace.robots if share else difference
 
 
-@objective(by_zones=True)
+def _of_evenness(
+    size: ExperimentSize, *, zones: SeveralZones, when: When, share: bool, **_: object
+) -> tuple[float, float]:
+    counting = max(1, size.robots // len(zones)) * len(zones)
+    most, best = min(size.robots, counting) if size.are_apart(zones) else counting, min(size.robots, counting)
+    return 0.0, size.counted(when) * most / (best if share else 1.0)
+
+
+@objective(by_zones=True, limits=_of_evenness)
 def robots_evenly_in_zones(
     trace: Trace,
     *,
@@ -93,7 +113,17 @@ def _some_value_in_or_outside(values: Mapping[str, float], outside: float) -> It
         yield FieldError("values", "expected one that is not 0; else every score is 0")
 
 
-@objective(checks=(_some_value_in_or_outside,), by_zones=True)
+def _of_zone_values(
+    size: ExperimentSize, *, values: Mapping[Zone, float], outside: float, when: When, **_: object
+) -> tuple[float, float]:
+    robots, each = size.robots * size.counted(when), [*values.values(), outside]
+    low, high = min(each), max(each)
+    if not size.are_apart(tuple(values)):  # then a robot may have the values of several
+        low, high = (of(end, sum(of(0.0, one) for one in values.values())) for of, end in ((min, low), (max, high)))
+    return robots * low, robots * high
+
+
+@objective(checks=(_some_value_in_or_outside,), by_zones=True, limits=_of_zone_values)
 def zone_value(
     trace: Trace,
     *,
@@ -117,7 +147,14 @@ def _some_value(values: Mapping[ColourName, float]) -> Iterator[FieldError]:
         yield FieldError("values", "expected one that is not 0; else every score is 0")
 
 
-@objective(checks=(_some_value,))
+def _of_values(
+    size: ExperimentSize, *, values: Mapping[ColourName, float], when: When, **_: object
+) -> tuple[float, float]:
+    robots = size.robots * size.counted(when)
+    return robots * min(0.0, *values.values()), robots * max(0.0, *values.values())
+
+
+@objective(checks=(_some_value,), limits=_of_values)
 def color_value(
     trace: Trace,
     *,
@@ -129,7 +166,11 @@ def color_value(
     return float(sum(value * np.sum(np.all(colors == rgb(name), axis=-1)) for name, value in values.items()))
 
 
-@objective
+def _of_zones(size: ExperimentSize, *, zones: Zones, when: When, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.counted(when) * sum(len(size.zone_rows[zone]) for zone in zones))
+
+
+@objective(limits=_of_zones)
 def zones_in_color(
     trace: Trace,
     *,

@@ -14,6 +14,7 @@ from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import any_contains, first_containing
 from mercator_design.missions.objectives.in_zones import Value
 from mercator_design.missions.plugins import Zone, Zones, objective
+from mercator_design.missions.score_limits import ExperimentSize, from_zero
 from mercator_design.missions.trace import Trace
 
 _ALIKE: Mapping[str, float] = {}
@@ -33,7 +34,11 @@ def _values_of_sources(sources: Zones, values: Mapping[str, float]) -> Iterator[
         yield FieldError("values", "expected a source whose value is not 0; else every score is 0")
 
 
-@objective(checks=(_two_places, _values_of_sources), by_zones=True)
+def _of_trips(size: ExperimentSize, *, values: Mapping[str, float], **_: object) -> tuple[float, float]:  # noqa: ARG001
+    return -math.inf if any(value < 0.0 for value in values.values()) else 0.0, math.inf
+
+
+@objective(checks=(_two_places, _values_of_sources), by_zones=True, limits=_of_trips)
 def trips(
     trace: Trace,
     *,
@@ -80,7 +85,7 @@ def _sum_trips(
     return total
 
 
-@objective
+@objective(limits=from_zero)
 def gate_crossings(
     trace: Trace,
     *,

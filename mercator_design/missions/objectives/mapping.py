@@ -11,6 +11,7 @@ from mercator_design.config.schema import FieldError, Range
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import objective
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace, every_nth
 
 _MIN_CELL = 0.001
@@ -25,7 +26,11 @@ def _cells_not_too_fine(side: float, cells: int) -> Iterator[FieldError]:
         yield FieldError("cells", f"expected cells of at least {_MIN_CELL:g} m, found {side / cells:g} m")
 
 
-@objective(checks=(_cells_not_too_fine,))
+def _of_square(size: ExperimentSize, *, side: float, **_: object) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, side * side
+
+
+@objective(checks=(_cells_not_too_fine,), limits=_of_square)
 def seen_area(
     trace: Trace,
     *,

@@ -10,10 +10,15 @@ from mercator_design.config.colours import Colour, ColourName, rgb
 from mercator_design.config.schema import Length
 from mercator_design.missions.arena import Size
 from mercator_design.missions.plugins import Zone, Zones, objective
+from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
 
 
-@objective
+def _of_search(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.robots * (2 * size.cycles - 1))  # found in the first cycle
+
+
+@objective(limits=_of_search)
 def stop_when_found(
     trace: Trace,
     *,
@@ -36,7 +41,11 @@ def stop_when_found(
     return float(2 * trace.robots * trace.cycles - searching * trace.robots - idle - restless)
 
 
-@objective
+def _of_robots(size: ExperimentSize, **_: object) -> tuple[float, float]:
+    return 0.0, float(size.robots * size.cycles)
+
+
+@objective(limits=_of_robots)
 def stop_when_told(
     trace: Trace,
     *,
@@ -49,7 +58,7 @@ def stop_when_told(
     return float(np.sum(_moving(trace, still) != is_signalled[:, None]))
 
 
-@objective
+@objective(limits=_of_robots)
 def robots_where_told(
     trace: Trace,
     *,

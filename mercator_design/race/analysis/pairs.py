@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.elimination.summary import Scores
+from mercator_design.scores import ANY_SCORE, ScoreRange
 
 K = TypeVar("K")
 
@@ -51,7 +52,11 @@ def worse_p_value(differences: ArrayLike, margin: float) -> float:
     return float(scipy.special.stdtr(len(values) - 1, (float(values.mean()) - margin) / error))
 
 
-def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K]] | None = None) -> list[Pair[K]]:
+def compared(
+    scores: Mapping[K, Mapping[int, float]],
+    pairs: Sequence[tuple[K, K]] | None = None,
+    possible: ScoreRange = ANY_SCORE,
+) -> list[Pair[K]]:
     """Compare scores by instance, pair by pair; p-values have Holm's correction for all pairs.
 
     Pairs of fewer than two common instances are left out.
@@ -59,12 +64,13 @@ def compared(scores: Mapping[K, Mapping[int, float]], pairs: Sequence[tuple[K, K
     Args:
         scores: The scores of each, by instance.
         pairs: Which to compare. [default: all]
+        possible: The range of the scores.
     """
     found = []
     for first, second in combinations(scores, 2) if pairs is None else pairs:
         common = sorted(scores[first].keys() & scores[second].keys())
         if len(common) >= 2:
             differences = tuple(scores[first][instance] - scores[second][instance] for instance in common)
-            found.append(Pair(first, second, Scores(differences), paired_p_value(differences)))
+            found.append(Pair(first, second, Scores(differences, possible.differences), paired_p_value(differences)))
     corrected = holm(np.array([pair.p_value for pair in found])).tolist()
     return [pair._replace(p_value=p) for pair, p in zip(found, corrected, strict=True)]

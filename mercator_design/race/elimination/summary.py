@@ -2,9 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
+
+from mercator_design.scores import ANY_SCORE, ScoreRange
 
 CONFIDENCE = 0.95
 """Confidence of the intervals around reported means."""
@@ -62,9 +65,13 @@ class IterationSummary:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Scores of a configuration, in the units of the task, and their statistics."""
+    """Scores of a configuration, in the units of the task, and their statistics.
+
+    possible: The range of all scores of the task; intervals stay within it.
+    """
 
     values: tuple[float, ...]
+    possible: ScoreRange = ANY_SCORE
 
     def __repr__(self) -> str:
         return f"<Scores: {self.summary}>"
@@ -96,14 +103,34 @@ class Scores:
 
     @property
     def confidence_interval(self) -> tuple[float, float] | None:
-        """The confidence interval of the mean, at 95 %, by Student's t; None for a single score."""
+        """The confidence interval of the mean, at 95 %, by Student's t; None for a single score.
+
+        Its part outside the range of possible scores is cut off. The true mean is never there, so the interval covers
+        it as often as before.
+        """
         if self.standard_deviation is None:
             return None
         n = len(self.values)
         half = float(scipy.special.stdtrit(n - 1, 0.5 + CONFIDENCE / 2)) * self.standard_deviation / math.sqrt(n)
-        return self.mean - half, self.mean + half
+        return self.possible.clipped(self.mean - half, self.mean + half)
 
     @property
     def interval(self) -> tuple[float, float]:
         """The confidence interval, or the mean twice for a single score."""
         return self.confidence_interval or (self.mean, self.mean)
+
+
+class Headline(NamedTuple):
+    """The score of a race's winner, or of its best so far: everywhere the same figure, and where it was measured.
+
+    scores: On fresh instances, if it was tested there; else those of the race, which are optimistic.
+    """
+
+    scores: Scores
+    is_fresh: bool
+
+    @property
+    def where(self) -> str:
+        """The place and the number of runs, in words that follow the score."""
+        n = len(self.scores.values)
+        return f"on {n} fresh instance{'s' * (n != 1)}" if self.is_fresh else f"in the race, {n} run{'s' * (n != 1)}"

@@ -14,7 +14,7 @@ configurations. It may replace earlier costs on the same instance.
 """
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Generic, TypeVar
@@ -128,14 +128,17 @@ class RaceRun(Generic[T]):
 
     def _run(self) -> Generator[Event, None, None]:
         yield from self._run_race()
-        tests: dict[int, Scores] = {}
+        best, numbers = self._optimizer.best.configuration, [self._optimizer.best.configuration]
         if self._testing is not None:
             yield from self._run_tests(self._testing)
-            known, numbers = self.view.test_scores(), self._testing.configurations(self._optimizer)
-            tests = {number: Scores(known[number]) for number in numbers if number in known}
-        best, finished = self._optimizer.best.configuration, tuple(self.view.results())
-        scores = Scores(tuple(self.view.scores(best).values()))
+            numbers = self._testing.configurations(self._optimizer)
+        known, finished = self.view.test_scores(), tuple(self.view.results())
+        tests = {number: self._scores(known[number]) for number in numbers if number in known}
+        scores = self._scores(self.view.scores(best).values())
         self._result = RaceResult(configuration=best, scores=scores, tests=tests, finished=finished)
+
+    def _scores(self, values: Iterable[float]) -> Scores:
+        return Scores(tuple(values), self.problem.possible_scores)
 
     def _run_race(self) -> Iterator[Event]:
         """Run the race to its end under each of the record's budgets."""

@@ -13,10 +13,11 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.config.schema import Kind
 from mercator_design.race.elimination.race import Experiment
-from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.elimination.summary import Headline, Scores
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.space.parameter import Configuration
+from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.seeds import instance_seed
 
 T = TypeVar("T")
@@ -35,7 +36,18 @@ class RaceResult:
     finished: tuple[ExperimentDone, ...]  # all experiments, in order of their numbers
 
     def __repr__(self) -> str:
-        return f"<RaceResult: configuration {self.configuration}, {self.scores.summary}>"
+        return f"<RaceResult: configuration {self.configuration}, {self.summary}>"
+
+    @property
+    def headline(self) -> Headline:
+        """The score of the winner: on fresh instances, if it was tested."""
+        tested = self.tests.get(self.configuration)
+        return Headline(self.scores, is_fresh=False) if tested is None else Headline(tested, is_fresh=True)
+
+    @property
+    def summary(self) -> str:
+        """The winner's score with its interval, and where it was measured."""
+        return f"{self.headline.scores.summary.rpartition(', ')[0]} {self.headline.where}"
 
 
 class Problem(ABC, Generic[T]):
@@ -49,6 +61,7 @@ class Problem(ABC, Generic[T]):
             configurations.
         speculates: Whether idle workers run speculative experiments.
         predicts: Whether they may also run those of configurations that have no numbers yet, by predicted numbers.
+        possible_scores: The range of its scores.
     """
 
     optimizer: Optimizer
@@ -56,6 +69,7 @@ class Problem(ABC, Generic[T]):
     evaluate: Callable[[T, Sequence[int]], Measurement] | None = None
     speculates: bool = True
     predicts: bool = True
+    possible_scores: ScoreRange = ANY_SCORE
 
     @abstractmethod
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> T:

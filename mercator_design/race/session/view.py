@@ -15,7 +15,7 @@ from statistics import fmean, stdev
 from typing import NamedTuple
 
 from mercator_design.race.elimination.race import Experiment
-from mercator_design.race.elimination.summary import Elite, Progress
+from mercator_design.race.elimination.summary import Elite, Headline, Progress, Scores
 from mercator_design.race.session.events import (
     BudgetExtended,
     ConfigurationAdded,
@@ -26,6 +26,7 @@ from mercator_design.race.session.events import (
     ScoreRevised,
     TestDone,
 )
+from mercator_design.scores import ANY_SCORE, ScoreRange
 
 
 class Incumbent(NamedTuple):
@@ -121,11 +122,18 @@ class RaceView:
         found = (one for results in self._results.values() for one in results.values())
         return sorted(found, key=lambda one: one.experiment)
 
-    @property
-    def best_score(self) -> float | None:
-        """The mean of the scores of the leader."""
-        scores = {} if self.leader is None else self.scores(self.leader)
-        return fmean(scores.values()) if scores else None
+    def headline(self, possible: ScoreRange = ANY_SCORE, *, fresh: bool = True) -> Headline | None:
+        """The scores of the leader: on fresh instances, if it was tested there; None before there are any.
+
+        Args:
+            possible: The range of all scores of the task.
+            fresh: Whether scores on fresh instances count; else those of the race.
+        """
+        if (leader := self.leader) is None:
+            return None
+        tested = self.test_scores().get(leader, ()) if fresh else ()
+        found = tested or tuple(self.scores(leader).values())
+        return Headline(Scores(found, possible), is_fresh=bool(tested)) if found else None
 
     def test_scores(self) -> dict[int, tuple[float, ...]]:
         """The scores of each configuration in the order of the test instances, without failed tests."""
@@ -134,13 +142,6 @@ class RaceView:
             if (score := self.tests[where].score) is not None:
                 found.setdefault(where.configuration, []).append(score)
         return {configuration: tuple(scores) for configuration, scores in found.items()}
-
-    @property
-    def tested_score(self) -> float | None:
-        """The mean of the scores of the winner in its tests."""
-        of_winner = (one.score for one in self.tests.values() if one.configuration == self.winner)
-        scores = [score for score in of_winner if score is not None]
-        return fmean(scores) if scores else None
 
     def progress(self, cost: Callable[[float], float], plan: Progress) -> Progress:
         """The progress of the race.

@@ -48,7 +48,8 @@ def evaluate_with_stats(
     """As `api.evaluate`, with statistics of the swarm; the experiments are recorded, which takes longer."""
     with ThreadExecutor(jobs) as executor:
         found = in_order(executor, partial(_observed, simulator, pfsm), seeds, watch)
-    evaluation = Evaluation(scores=Scores(tuple(score for score, _ in found)), seeds=tuple(seeds))
+    scores = Scores(tuple(score for score, _ in found), simulator.mission.possible_scores())
+    evaluation = Evaluation(scores=scores, seeds=tuple(seeds))
     return evaluation, _mean([stats for _, stats in found])
 
 

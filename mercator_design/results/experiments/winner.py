@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from mercator_design.errors import MercatorError
-from mercator_design.results.analysis.proof import Proof
+from mercator_design.results.analysis.comparison import winner_tests
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.results.facts import Facts
 
@@ -16,15 +16,13 @@ class ShownRun(NamedTuple):
     score: float
 
 
-def chosen_runs(facts: Facts, proof: Proof | None) -> list[ShownRun]:
-    """The median, best and worst run of the winner: of its tests, else of the proof, else of the race."""
-    best = facts.best
-    known = {one.seed: one.score for where, one in facts.record.tests.items() if where.configuration == best}
-    if not known and proof is not None:
-        known = dict(zip(proof.seeds, proof.contestants[0].scores, strict=True))
+def chosen_runs(facts: Facts) -> list[ShownRun]:
+    """The median, best and worst of the runs whose mean is the headline: on fresh instances, else of the race."""
+    known = winner_tests(facts.record) if facts.headline is not None and facts.headline.is_fresh else {}
     if not known:
-        known = {one.seed: one.score for one in facts.view.results() if one.configuration == best}
-    scores = sorted((score, seed) for seed, score in known.items() if score is not None)
+        results = (one for one in facts.view.results() if one.configuration == facts.best)
+        known = {one.seed: one.score for one in results if one.score is not None}
+    scores = sorted((score, seed) for seed, score in known.items())
     if not scores or facts.task is None:
         return []
     if not facts.task.maximise:
@@ -46,9 +44,9 @@ class WinnerRuns(NamedTuple):
     problem: str = ""
 
 
-def run_again(facts: Facts, proof: Proof | None) -> WinnerRuns:
+def run_again(facts: Facts) -> WinnerRuns:
     """The winner's runs that a report shows, simulated again; none before the race has ended."""
-    runs = chosen_runs(facts, proof) if facts.view.is_complete else []
+    runs = chosen_runs(facts) if facts.view.is_complete else []
     designer, pfsm = facts.designer, None if facts.best is None else facts.pfsm(facts.best)
     if designer is None or pfsm is None:
         return WinnerRuns(runs)

@@ -14,7 +14,7 @@ from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, STATES
 from mercator_design.show.text.columns import narrowed
 
 _PAGE = 500  # jobs of a request
-_DISPENSABLE = ("submitted", "owner", "mission", "message")
+_DISPENSABLE = ("submitted", "owner", "mission", "message", "measured")
 """Columns to drop from a table that is too wide, in this order."""
 
 
@@ -55,7 +55,8 @@ def _table(found: list[dict[str, Any]], width: int | None) -> str:
             "mission": one["name"],
             "state": one["state"],
             "experiments": f"{one['experiments']}/{one['budget']}",
-            "best": None if one["best"] is None else f"{one['best']:.4g}",
+            "score": None if one["best"] is None else f"{one['best']:.4g}",
+            "measured": one["measured"] or None,
             "owner": one["owner"] or None,
             "submitted": one["submitted"][:16].replace("T", " "),
             "message": one["message"] or None,

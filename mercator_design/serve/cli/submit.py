@@ -14,6 +14,7 @@ from mercator_design.config.shipped import is_path
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.race.methods.table import DEFAULT_METHOD
+from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
 from mercator_design.serve.client.connection import ConnectionLost
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
@@ -30,9 +31,11 @@ _TRIES = 3
 @click.option(
     "--test-runs",
     type=click.IntRange(0, MAX_TESTS),
-    default=0,
+    default=TEST_RUNS,
+    show_default=True,
     metavar="N",
-    help="When the race has ended, test the winner on N fresh instances, beyond the budget.",
+    help="When the race has ended, run the winner on N fresh instances, beyond the budget: their mean is its score. "
+    "0: do not.",
 )
 @click.option(
     "--priority",

@@ -147,6 +147,7 @@ def _state_text(job: dict[str, Any]) -> str:
 
 def result(job: dict[str, Any]) -> str:
     """Result of a job that has ended, as text."""
-    known = [(key, value) for key in ("best", "tested") if isinstance(value := job.get(key), float | int)]
-    scores = "".join(f", {key} {value:.4g}" for key, value in known if math.isfinite(value))
-    return f"{job.get('id')}: {_state_text(job)}, {job.get('experiments')} of {job.get('budget')} experiments{scores}"
+    best, score = job.get("best"), ""
+    if isinstance(best, float | int) and math.isfinite(best):
+        score = f", score {best:.4g} {job.get('measured') or ''}".rstrip()
+    return f"{job.get('id')}: {_state_text(job)}, {job.get('experiments')} of {job.get('budget')} experiments{score}"

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
+from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest
 from mercator_design.serve.workers.sources import MissionSource
@@ -87,7 +88,9 @@ class JobRequest(MissionGiven):
     method: Method = DEFAULT_METHOD
     flavour: Flavour = "watermelon"
     seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 1
-    test_runs: Annotated[int, Field(ge=0, le=MAX_TESTS, description="Fresh instances to test the winner on.")] = 0
+    test_runs: Annotated[int, Field(ge=0, le=MAX_TESTS, description="Fresh instances to test the winner on.")] = (
+        TEST_RUNS
+    )
     priority: Annotated[
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
     ] = 0
@@ -118,7 +121,7 @@ class _RowAnswer(BaseModel):
 
 _ANSWERED = (
     "id", "owner", "name", "state", "message", "method", "flavour", "seed", "budget", "priority", "experiments", "best",
-    "tested", "direction", "submitted", "ended", "seconds", "left", "shared",
+    "measured", "direction", "submitted", "ended", "seconds", "left", "shared",
 )  # fmt: skip
 if TYPE_CHECKING:
     JobAnswer: TypeAlias = _RowAnswer

@@ -22,8 +22,8 @@ class IndexRow:
     state: State
     message: str = ""  # why it failed, or what it waits for
     experiments: int = 0  # done
-    best: float | None = None  # mean score of the winner, or of the best so far
-    tested: float | None = None  # mean score of the winner on fresh instances
+    best: float | None = None  # score of the winner, or of the best so far
+    measured: str = ""  # where: "on 30 fresh instances", or "in the race, 12 runs"
     left: float | None = None  # estimate of the seconds until the end of its race
 
     @property

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeAlias, get_args
 from mercator_design.config.schema import Length, Name, OneOf, Range
 from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
+from mercator_design.results.analysis.comparison import TEST_RUNS
 
 State: TypeAlias = Literal["queued", "running", "paused", "finished", "failed", "cancelled"]
 STATES: tuple[State, ...] = get_args(State)
@@ -26,7 +27,7 @@ class RaceRequest:
     method: Annotated[str, OneOf(tuple(METHODS))] = DEFAULT_METHOD
     flavour: Annotated[str, OneOf(FLAVOURS)] = "watermelon"
     seed: Annotated[int, Range(0, MAX_SEED)] = 1
-    test_runs: Annotated[int, Range(0, MAX_TESTS)] = 0
+    test_runs: Annotated[int, Range(0, MAX_TESTS)] = TEST_RUNS
     priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # among its user's jobs; a higher one runs first
 
 

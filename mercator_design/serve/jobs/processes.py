@@ -53,8 +53,7 @@ class Launcher:
             what += ["--flavour", request.flavour, "--method", request.method]
             what += [f"--set={one}" for one in request.set]
         command = ["race", *what, "--budget", str(request.budget), "--jobs", str(self._cores), "--quiet"]
-        if request.test_runs:
-            command += ["--test-runs", str(request.test_runs)]
+        command += ["--test-runs", str(request.test_runs)]
         if self._settings.scheduler:
             command += ["--executor", "dask", "--scheduler", self._settings.scheduler]
         return [*command, *(f"--plugin={file}" for file in self._settings.plugins)]

@@ -10,6 +10,7 @@ from mercator_design.config.yaml_tree import LOADER
 from mercator_design.errors import RaceError, excerpt, printable
 from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import OtherVersion
+from mercator_design.race.session.view import RaceView
 from mercator_design.results.files import read_journal
 from mercator_design.results.listing import run_of
 from mercator_design.serve.jobs.index import IndexRow
@@ -34,8 +35,13 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
 
 def figures_of(status: RaceStatus) -> dict[str, Any]:
     """Figures of a row, from the last reading of its race."""
-    view = status.view
-    return {"experiments": view.n_experiments, "best": view.best_score, "tested": view.tested_score}
+    return {"experiments": status.view.n_experiments, **score_of(status.view)}
+
+
+def score_of(view: RaceView) -> dict[str, Any]:
+    """Score of the winner or the best so far, and where it was measured, as fields of a row."""
+    headline = view.headline()
+    return {} if headline is None else {"best": headline.scores.mean, "measured": headline.where}
 
 
 def changed_row(row: IndexRow, job: Job, *, is_running: bool) -> IndexRow:
@@ -67,7 +73,7 @@ def row_of_folder(folder: Path, reading: Reading) -> IndexRow | None:
     )  # fmt: skip
     return IndexRow(
         job=job, state=_STATES.get(found["state"], "failed"), message="; ".join(found["notes"]),
-        experiments=found["experiments"], best=found["score"], tested=found["tested"],
+        experiments=found["experiments"], **score_of(record.view),
     )  # fmt: skip
 
 

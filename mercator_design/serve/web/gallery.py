@@ -57,7 +57,7 @@ def gallery(
 
 
 def _design_card(one: Design, user: User) -> Html:
-    score = None if one.mean is None else f"{number(one.mean)} (mean of {len(one.scores)} instances, {one.direction})"
+    score = None if one.mean is None else f"{number(one.mean)} on {len(one.scores)} fresh instances ({one.direction})"
     facts = [("Mission", one.mission), ("Score", score), ("By", one.owner), ("Saved", one.created[:10])]
     mine = ""
     if user.owns(one.owner):
@@ -71,10 +71,8 @@ def _design_card(one: Design, user: User) -> Html:
 
 
 def _job_card(row: IndexRow) -> Html:
-    best = row.best if row.tested is None else row.tested
-    where = "in its race" if row.tested is None else "in its tests"
-    score = None if best is None else f"{number(best)} (mean {where}, {row.job.direction})"
     job = row.job
+    score = None if row.best is None else f"{number(row.best)} {row.measured} ({job.direction})"
     link = Html(f'<a href="/jobs/{quote(row.id)}"><bdi>{escaped(row.id)}</bdi></a>') if row.is_job else row.id
     facts = [("Job", link), ("Score", score), ("By", job.owner or None), ("Ended", (job.ended or job.submitted)[:10])]
     return _card("job", row.id, job.name, facts, f"/api/v1/jobs/{quote(row.id)}/files/fsm.txt", "")

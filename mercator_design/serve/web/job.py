@@ -174,7 +174,7 @@ def _now(service: Service, user: User, row: IndexRow) -> Html:
     facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
     facts += f' data-place="{_journal_place(service, row)}"'
     job, request = row.job, row.job.request
-    what: list[tuple[str, object]] = [("best value", best(row) or None), ("mission", job.name), ("job", row.id)]
+    what: list[tuple[str, object]] = [("score", best(row) or None), ("mission", job.name), ("job", row.id)]
     if user.name != LOCAL.name:
         what.append(("owner", job.owner or "a run folder of no job"))
     method = f"{request.method}, {request.flavour}, seed {request.seed}" if request.method else None

@@ -83,11 +83,10 @@ def progress(row: IndexRow) -> Html:
 
 
 def best(row: IndexRow) -> Html:
-    """The best value of a job."""
+    """The score of a job's winner, or of its best so far, and where it was measured."""
     if row.best is None:
         return Html('<span class="faint">none yet</span>' if row.state in ("queued", "running") else "")
-    tested = f' <span class="faint">tested {number(row.tested)}</span>' if row.tested is not None else ""
-    return Html(f"<strong>{number(row.best)}</strong>{tested}")
+    return Html(f'<strong>{number(row.best)}</strong> <span class="faint">{row.measured}</span>')
 
 
 def time_left(row: IndexRow) -> str:

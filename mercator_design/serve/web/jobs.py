@@ -21,7 +21,7 @@ router = APIRouter(include_in_schema=False)
 _PAGE = 25  # rows of a page
 _SECONDS = 3  # between two refreshes
 _WHOSE = {"": "all", "mine": "mine", "shared": "shared"}
-_ORDERS = {name: name for name in ORDERS} | {"submitted": "time", "name": "mission", "best": "best value"}
+_ORDERS = {name: name for name in ORDERS} | {"submitted": "time", "name": "mission", "best": "score"}
 
 
 class _JobFilter:
@@ -137,7 +137,7 @@ def _empty_list(wanted: _JobFilter) -> Html:
 
 def _table(rows: list[IndexRow], user: User) -> Html:
     has_owners = user.name != LOCAL.name
-    head = ["Mission", "State", "Experiments", "Best", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
+    head = ["Mission", "State", "Experiments", "Score", *(["Owner"] if has_owners else []), "Submitted", "Actions"]
     titles = "".join(f'<th scope="col">{one}</th>' for one in head)
     lines = "".join(_table_row(row, user, has_owners=has_owners) for row in rows)
     whole = f'<table class="jobs"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>'
@@ -151,7 +151,7 @@ def _table_row(row: IndexRow, user: User, *, has_owners: bool) -> Html:
         ("mission", f'{name}{shared}<span class="id faint">{escaped(row.id)}</span>'),
         ("what", state(row)),
         ("done", progress(row)),
-        ("best", f'<span class="label">Best</span> {value}' if (value := best(row)) else ""),
+        ("best", f'<span class="label">Score</span> {value}' if (value := best(row)) else ""),
     ]
     if has_owners:
         owner = f'<span class="label">Owner</span> <bdi>{escaped(row.job.owner)}</bdi>' if row.is_job else "run folder"

@@ -8,6 +8,7 @@ from fastapi.responses import HTMLResponse
 
 from mercator_design.config import shipped
 from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
+from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
@@ -111,9 +112,11 @@ def compare(service: TheService, user: TheUser) -> HTMLResponse:
 
 def _instances(service: Service) -> Html:
     """The fields for the instances on which FSMs run."""
-    runs = service.settings.limits.runs
+    most = service.settings.limits.runs
+    runs = min(TEST_RUNS, most)
     return Html(
-        f'<div><label for="runs">Instances</label><input id="runs" type="number" min="1" max="{runs}" value="20"></div>'
+        '<div><label for="runs">Fresh instances</label>'
+        f'<input id="runs" type="number" min="1" max="{most}" value="{runs}"></div>'
         '<div><label for="seed">Seed</label><input id="seed" type="number" min="0" value="1"></div>'
     )
 

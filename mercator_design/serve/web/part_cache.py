@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from mercator_design.errors import MercatorError
 from mercator_design.race.session.journal import is_locked
-from mercator_design.results.analysis.proof import PROOF
+from mercator_design.results.analysis.comparison import COMPARISON
 from mercator_design.results.files import JOURNAL
 from mercator_design.results.provenance import PROVENANCE
 from mercator_design.serve.jobs.races import length_of
@@ -117,7 +117,7 @@ class PartCache:
 
 def _state(folder: Path) -> _FolderState:
     turns: list[object] = [is_locked(folder / JOURNAL)]
-    for name in (PROVENANCE, PROOF):
+    for name in (PROVENANCE, COMPARISON):
         try:
             status = (folder / name).stat()
             turns.append((status.st_ino, status.st_size, status.st_mtime_ns))

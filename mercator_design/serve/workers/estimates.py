@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 from mercator_design.designer import Designer
+from mercator_design.results.analysis.comparison import n_compared
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.settings import UserLimits
 from mercator_design.serve.workers.sources import MissionSource
@@ -17,8 +18,6 @@ _MIN_RUNS, _MAX_RUNS = 3, 40
 _ASKED = {"halving": 0.5e-3, "tpe": 2.5e-3, "cma-es": 2.5e-3}
 _ASKED_USUALLY = 1e-3
 """Computing time of a method for an experiment [s], measured on two slow cores."""
-_REPORTED = 0.1
-"""Number of experiments of the report, as a share of the budget."""
 _STARTED = 3.0, 12.0
 """Time of the start of a race and of its report [s]: low and high."""
 _QUICKER, _SLOWER = 0.5, 2.0
@@ -57,10 +56,11 @@ def cost_of(request: RaceRequest, limits: UserLimits, cores: int) -> Cost:
     source = MissionSource.of(request)
     simulator = Simulator(source.read(limits))
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
+    compared = n_compared(request.flavour, request.test_runs)
     times = computing_times(source, request.flavour, limits)
     experiment = statistics.fmean(times)
     error = statistics.stdev(times) / len(times) ** 0.5 if len(times) > 1 else experiment
-    n = round(request.budget * (1.0 + _REPORTED)) + request.test_runs
+    n = request.budget + request.test_runs + compared
     asked = request.budget * _ASKED.get(request.method, _ASKED_USUALLY)
     low, high = _QUICKER * max(0.0, experiment - error), _SLOWER * (experiment + error)
     return Cost(

@@ -103,10 +103,10 @@ def winner_of(folder: Path, mission: MissionSource, limits: UserLimits) -> dict[
         RaceError: There is none yet, or it is no race of control software.
     """
     record = RaceStatus(folder).read_on()
-    number, view = leader_of(folder, record), record.view
+    (number, headline), view = leader_of(folder, record), record.view
     found = forms(raced_fsm(folder, record, number), Simulator(mission.read(limits)))
     return {
-        "configuration": number, "mean": view.best_score, "runs": len(view.scores(number)),
+        "configuration": number, "mean": headline.scores.mean, "measured": headline.where,
         "is_winner": view.is_complete, "fsm": {"valid": True, "errors": [], **found},
     }  # fmt: skip
 
@@ -145,9 +145,9 @@ def compare_fsms(machines: Machines, seeds: Sequence[int], seed: int, scores: Se
     The scores are in the order of `run_experiments`.
     """
     simulator, fsms = machines.read()
-    n = len(fsms)
+    n, possible = len(fsms), simulator.mission.possible_scores()
     evaluated = [
-        Evaluated(source.name, fsm.pfsm, Evaluation(scores=Scores(tuple(scores[k::n])), seeds=tuple(seeds)))
+        Evaluated(source.name, fsm.pfsm, Evaluation(scores=Scores(tuple(scores[k::n]), possible), seeds=tuple(seeds)))
         for k, (source, fsm) in enumerate(zip(machines.fsms, fsms, strict=True))
     ]
     found = Comparison(evaluated, simulator.mission, simulator.robot_model)

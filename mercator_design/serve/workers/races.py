@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from mercator_design.results.analysis.proof import read_proof
+from mercator_design.results.analysis.comparison import read_comparison
 from mercator_design.results.experiments.winner import ShownRun, chosen_runs
 from mercator_design.results.facts import Facts
 from mercator_design.show.report.answer import answer
-from mercator_design.show.report.choice import choice
+from mercator_design.show.report.comparison import comparison_part, elites_part
 from mercator_design.show.report.course import course
 from mercator_design.show.report.importance import importance
 from mercator_design.show.report.markup import note
@@ -37,19 +37,20 @@ class PagePart:
 
 
 def race_part(folder: Path) -> PagePart:
-    """The race so far, or of a race that has ended its winner and proof, as HTML.
+    """The race so far, or of a race that has ended its winner and the comparison of it with others, as HTML.
 
     Raises:
         MercatorError: The folder cannot be read.
     """
     facts = _facts(folder)
-    proof = read_proof(folder, facts.record) if facts.record.is_complete and facts.designer is not None else None
+    is_compared = facts.record.is_complete and facts.designer is not None
+    comparison = read_comparison(folder, facts.record) if is_compared else None
     notes = [note(f"Note: {text}") for text in facts.notes]
     sections = [course(facts)]
     if facts.record.is_complete:
-        sections = [choice(facts, proof, ""), *sections, importance(facts)]
-    text = "".join([*notes, answer(facts, proof, []), *sections])
-    return PagePart(text, facts.best, tuple(chosen_runs(facts, None)))
+        sections = [comparison_part(facts, comparison, ""), *sections, elites_part(facts), importance(facts)]
+    text = "".join([*notes, answer(facts, comparison, []), *sections])
+    return PagePart(text, facts.best, tuple(chosen_runs(facts)))
 
 
 def about_part(folder: Path) -> PagePart:

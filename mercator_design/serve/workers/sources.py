@@ -10,6 +10,7 @@ from mercator_design.errors import MissionError, RaceError, excerpt, printable
 from mercator_design.fsm.files import FsmFile, fsm_of
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
+from mercator_design.race.elimination.summary import Headline
 from mercator_design.race.session.record import Record
 from mercator_design.serve.jobs.job import RaceRequest
 from mercator_design.serve.jobs.races import RaceStatus
@@ -114,7 +115,7 @@ class FsmSource:
         if self.folder is None:
             return fsm_of(self.text, printable(self.name) or FSM, self.flavour)
         record = RaceStatus(self.folder).read_on()
-        number = leader_of(self.folder, record) if self.configuration is None else self.configuration
+        number = leader_of(self.folder, record)[0] if self.configuration is None else self.configuration
         return raced_fsm(self.folder, record, number)
 
 
@@ -131,12 +132,13 @@ def raced_fsm(folder: Path, record: Record, configuration: int) -> FsmFile:
     return FsmFile(pfsm=to_pfsm(record.configurations[configuration], record.start["flavour"]), header={})
 
 
-def leader_of(folder: Path, record: Record) -> int:
-    """Number of the winner of a race, or of the best configuration so far.
+def leader_of(folder: Path, record: Record) -> tuple[int, Headline]:
+    """Number of the winner of a race, or of the best configuration so far, and its score.
 
     Raises:
         RaceError: There is none yet.
     """
-    if record.view.leader is None or record.view.best_score is None:
+    number, headline = record.view.leader, record.view.headline()
+    if number is None or headline is None:
         raise RaceError(f"{folder.name}: has no winner yet: its first iteration has not ended")
-    return record.view.leader
+    return number, headline

@@ -2,53 +2,55 @@
 
 from collections.abc import Sequence
 
+from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.words import KnownSwarm, module_words, robots_words
-from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.race.elimination.summary import CONFIDENCE, Headline
+from mercator_design.results.analysis.comparison import WinnerComparison
 from mercator_design.results.analysis.occupancy import occupancy
-from mercator_design.results.analysis.proof import Proof
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.markup import escaped
-from mercator_design.show.report.choice import verdict
+from mercator_design.show.report.comparison import verdict
 from mercator_design.show.report.markup import Html, command, facts_list, figure, folded, note, section, text
 from mercator_design.sim.checks.lint import lint
 
 
-def answer(facts: Facts, proof: Proof | None, traces: Sequence[Trace]) -> Html:
+def answer(facts: Facts, comparison: WinnerComparison | None, traces: Sequence[Trace]) -> Html:
     """The section of the winner; traces of its runs give the share of time in each state."""
-    if facts.best is None:
+    if facts.best is None or facts.headline is None:
         return section("answer", "No winner yet", note("No iteration has ended yet."))
     name = "The winner" if facts.view.is_complete else "The best so far"
-    return section("answer", name, _score(facts, proof), _software(facts, facts.best, traces))
+    shown = _score(facts, facts.headline, comparison), _software(facts, facts.best, traces)
+    has_file = facts.view.is_complete and facts.mission is not None
+    return section(
+        "answer", name, *shown, command=facts.command("fsm", "show", file=Designer.WINNER) if has_file else ""
+    )
 
 
-def headline(facts: Facts, fresh: Scores | None) -> tuple[Scores, str]:
-    """The most informative scores of the winner, and a description of where they were measured."""
-    if facts.tested is not None:
-        return facts.tested, f"mean of {len(facts.tested.values)} tests on fresh instances"
-    if fresh is not None:
-        return fresh, f"mean of {len(fresh.values)} runs on fresh instances"
-    assert facts.best is not None  # noqa: S101 - `answer` has checked
-    own = Scores(tuple(facts.view.scores(facts.best).values()))
-    return own, f"mean of {len(own.values)} experiments of the race, on which it was chosen, so it is optimistic"
-
-
-def _score(facts: Facts, proof: Proof | None) -> Html:
-    scores, where = headline(facts, None if proof is None else proof.winner)
-    interval = scores.confidence_interval
-    around = "" if interval is None else f"{number(interval[0])} to {number(interval[1])} at {CONFIDENCE:.0%}"
+def _score(facts: Facts, headline: Headline, comparison: WinnerComparison | None) -> Html:
+    scores, interval = headline.scores, headline.scores.confidence_interval
+    around = "" if interval is None else f", {number(interval[0])} to {number(interval[1])} at {CONFIDENCE:.0%}"
     low, high = scores.interval
     data = f'data-score="{scores.mean:.6g}" data-low="{low:.6g}" data-high="{high:.6g}" data-n="{len(scores.values)}"'
+    raced = facts.scores(facts.best) if facts.best is not None else scores
+    runs = f"{len(raced.values)} run{'s' * (len(raced.values) != 1)}"
+    optimistic = "optimistic, because it was chosen by them"
+    words = (
+        f"In the race its mean is {number(raced.mean)} ({runs}): {optimistic}."
+        if headline.is_fresh
+        else f"This is {optimistic.replace('them', 'these runs')}."
+    )
     return Html(
-        f'<p class="score" {data}><strong>{number(scores.mean)}</strong> <span>{around}</span></p>'
-        + note(f"{facts.score_name}: {where}.")
-        + ("" if proof is None else note(verdict(facts, proof)))
+        f'<p class="score" {data}><strong>{number(scores.mean)}</strong> '
+        f"<span>{scores.possible.limit.strip()} {headline.where}{around}</span></p>"
+        + note(f"Mean {facts.score_name}. {words}")
+        + ("" if comparison is None else note(verdict(facts, comparison)))
     )
 
 
@@ -67,7 +69,7 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     if traces:
         caption += f" Shares of time and rates are those of the {len(traces)} replays below."
     measured = occupancy(traces, len(pfsm.states)) if traces else None
-    diagram = figure(diagram_svg(pfsm, measured=measured), caption, facts.command())
+    diagram = figure(diagram_svg(pfsm, measured=measured), caption)
     return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
 
 

@@ -10,7 +10,7 @@ from mercator_design.results.analysis.pruning import module_counts
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Bars, ChartLine, Thread, bar_chart, line_chart, parallel_chart
 from mercator_design.show.report.markup import Html, figure, folded, note, row_of, section, table
-from mercator_design.show.text.iterations import FEW, best_line, iteration_cells, iteration_name
+from mercator_design.show.text.iterations import COLUMNS, FEW, best_line, iteration_cells, iteration_name
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
@@ -22,7 +22,7 @@ def course(facts: Facts) -> Html:
     found = facts.view.incumbents
     if not found:
         return Html()
-    charts = [_budget(facts), _incumbent(facts, found), _elimination(facts, found), _convergence(facts)]
+    charts = [_budget(facts), _incumbent(facts, found), _elimination(found), _convergence(facts)]
     return section(
         "course",
         "How the race went",
@@ -30,6 +30,7 @@ def course(facts: Facts) -> Html:
         _elites(facts),
         folded("All iterations as a table", _table(found)) if len(found) > 1 else "",
         _notes(found),
+        command=facts.command("runs", "show"),
     )
 
 
@@ -47,25 +48,25 @@ def _budget(facts: Facts) -> Html:
         for name, again in (("new configurations", False), ("elites again", True))
     ]
     chart = bar_chart(list(map(iteration_name, iterations)), kinds, Axis("iteration"), Axis("experiments"))
-    return figure(chart, "The budget, by iteration and by what it was spent on.", facts.command())
+    return figure(chart, "The budget, by iteration and by what it was spent on.")
 
 
 def _incumbent(facts: Facts, found: list[Incumbent]) -> Html:
-    line = best_line("best of each iteration", found)
+    line = best_line("best of each iteration, in the race", found, facts.possible_scores)
     lines = [line]
-    if facts.tested is not None:
-        mean, (low, high) = facts.tested.mean, facts.tested.interval
-        lines.append(ChartLine("winner in its tests", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
+    if facts.headline is not None and facts.headline.is_fresh:
+        mean, (low, high) = facts.headline.scores.mean, facts.headline.scores.interval
+        lines.append(ChartLine("winner on fresh instances", [line.x[0], line.x[-1]], [mean] * 2, [low] * 2, [high] * 2))
     caption = (
         f"The best configuration at the end of each iteration: mean and interval of {CONFIDENCE:.0%}, on the instances "
         "that it had seen by then. It was chosen on them, so the mean is optimistic while it has seen few. "
         f"Intervals of fewer than {FEW} scores are cut off."
     )
     chart = line_chart(lines, Axis("experiments", whole=True), Axis(facts.score_name))
-    return figure(chart, caption, facts.command())
+    return figure(chart, caption)
 
 
-def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
+def _elimination(found: list[Incumbent]) -> Html:
     iterations = [one.ended for one in found]
     lines = [
         ChartLine(name, [one.iteration for one in iterations], [getattr(one, key) for one in iterations])
@@ -75,7 +76,7 @@ def _elimination(facts: Facts, found: list[Incumbent]) -> Html:
         "How each iteration eliminated: configurations that raced, those alive at its end, instances that it raced on."
     )
     chart = line_chart(lines, Axis("iteration", whole=True), Axis("number", whole=True, low=0.0))
-    return figure(chart, caption, facts.command())
+    return figure(chart, caption)
 
 
 def _convergence(facts: Facts) -> Html:
@@ -95,7 +96,7 @@ def _convergence(facts: Facts) -> Html:
         "them differ. Numbers: their standard deviation."
     )
     axes = Axis("iteration", whole=True), Axis("spread, relative to random", low=0.0)
-    return figure(line_chart(lines, *axes), caption, facts.command())
+    return figure(line_chart(lines, *axes), caption)
 
 
 def _elites(facts: Facts) -> Html:
@@ -106,7 +107,7 @@ def _elites(facts: Facts) -> Html:
         return Html()
     made_of = [_made_of(facts, one) for one in numbers]
     names = [name for name in made_of[0] if len({one[name] for one in made_of}) > 1][: _MAX_AXES - 1]
-    axes = [Axis("mean score"), *(_axis(name, [one[name] for one in made_of]) for name in names)]
+    axes = [Axis("race mean"), *(_axis(name, [one[name] for one in made_of]) for name in names)]
     last = max(first.values())
     threads = [
         Thread(
@@ -120,9 +121,10 @@ def _elites(facts: Facts) -> Html:
     chart = parallel_chart(axes, threads, Axis("iteration that found it", low=1, high=last))
     what = "how many of each module they have" if facts.start["task"] == "mission" else "their parameters"
     caption = (
-        f"The {len(numbers)} elites of all iterations, a line each: their mean score, and {what}, where they differ."
+        f"The {len(numbers)} elites of all iterations, a line each: their mean in the race, and {what}, where they "
+        "differ."
     )
-    return figure(chart, caption, facts.command(), is_wide=True)
+    return figure(chart, caption, is_wide=True)
 
 
 def _made_of(facts: Facts, configuration: int) -> dict[str, object]:
@@ -147,5 +149,4 @@ def _place(axis: Axis, value: object) -> float:
 
 
 def _table(found: list[Incumbent]) -> Html:
-    head = ("iteration", "planned", "used", "raced", "instances", "alive", "best", "mean", "n")
-    return table(head, map(iteration_cells, found), name="iterations")
+    return table(COLUMNS, map(iteration_cells, found), name="iterations")

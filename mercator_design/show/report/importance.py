@@ -7,7 +7,7 @@ from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
 from mercator_design.results.analysis.importance import race_importance
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Dot, interval_chart
-from mercator_design.show.report.markup import Html, command, figure, note, p_text, row_of, section
+from mercator_design.show.report.markup import Html, command, figure, made_by, note, p_text, row_of, section
 from mercator_design.show.text.analysis import ABLATION, read_ablation
 
 _MAX_SHOWN = 12
@@ -18,8 +18,8 @@ def importance(facts: Facts) -> Html:
     """The section on importance, or a note that the race was too small for it."""
     if facts.task is None:
         return Html()
-    title = f"What matters on {facts.start['name']}"
-    return section("importance", title, row_of(_importance(facts), _ablation(facts)))
+    explained, taken_apart = _importance(facts), _ablation(facts)
+    return section("importance", "What matters", row_of(explained, taken_apart))
 
 
 def _importance(facts: Facts) -> Html:
@@ -37,7 +37,7 @@ def _importance(facts: Facts) -> Html:
         f"{max(explanation.explained, 0.0):.0%} of it can be predicted. From the race's own experiments."
     )
     chart = interval_chart(dots, Axis("share of the variance"))
-    return figure(chart, caption, facts.command("runs", "importance"))
+    return Html(f"<div>{figure(chart, caption)}{made_by(facts.command('runs', 'importance'))}</div>")
 
 
 def _dot(one: Importance) -> Dot:
@@ -50,11 +50,11 @@ def _ablation(facts: Facts) -> Html:
     pfsm = None if facts.best is None or not facts.view.is_complete else facts.pfsm(facts.best)
     if pfsm is None:
         return Html()
-    made_by = facts.command("runs", "ablation")
+    verb = facts.command("runs", "ablation")
     rows = read_ablation(facts.folder / ABLATION, to_text(pfsm))
     if not rows:
         about = note("Which states and transitions the winner needs is measured by more experiments:")
-        return Html(f"<div>{about}{command(made_by)}</div>")
+        return Html(f"<div>{about}{command(verb)}</div>")
     dots = [
         Dot(
             row.change,
@@ -70,4 +70,4 @@ def _ablation(facts: Facts) -> Html:
         "The winner taken apart, on fresh instances: each row is without the parts of the rows above it, too. Mean "
         f"score and interval of {CONFIDENCE:.0%}; p: of no difference from the winner."
     )
-    return figure(interval_chart(dots, Axis(facts.score_name)), caption, made_by)
+    return Html(f"<div>{figure(interval_chart(dots, Axis(facts.score_name)), caption)}{made_by(verb)}</div>")

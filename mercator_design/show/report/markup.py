@@ -1,8 +1,11 @@
 """The parts of a page: sections, figures, tables."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 from mercator_design.show.markup import escaped, escaped_lines
+
+_HEADING = re.compile(r'<section id="(\w+)"><h2>(.*?)</h2>')
 
 
 class Html(str):
@@ -16,11 +19,29 @@ def html(text: object) -> str:
     return text if isinstance(text, Html) else escaped(text)
 
 
-def section(name: str, title: str, *parts: str) -> Html:
-    """A section with a heading, for a link to #name; nothing if it has no parts."""
+def section(name: str, title: str, *parts: str, command: str = "") -> Html:
+    """A section with a heading, for a link to #name; nothing if it has no parts.
+
+    Args:
+        name: The id of the section.
+        title: Its heading, and the text of the link to it.
+        parts: Its contents.
+        command: The command that makes its figures, shown at its end.
+    """
     if not any(parts):
         return Html()
-    return Html(f'<section id="{name}"><h2>{escaped(title)}</h2>\n' + "\n".join(filter(None, parts)) + "</section>\n")
+    shown = "\n".join(filter(None, [*parts, made_by(command) if command else ""]))
+    return Html(f'<section id="{name}"><h2>{escaped(title)}</h2>\n{shown}</section>\n')
+
+
+def made_by(command: str) -> Html:
+    """The command that makes the figures above."""
+    return Html(f'<p class="made">Made by <code>{escaped(command)}</code></p>')
+
+
+def contents(body: str) -> Html:
+    """Links to the sections of a page, with their headings."""
+    return Html("".join(f'<a href="#{name}">{title}</a>' for name, title in _HEADING.findall(body)))
 
 
 def note(*texts: object) -> Html:
@@ -28,12 +49,11 @@ def note(*texts: object) -> Html:
     return Html(f"<p>{''.join(map(html, texts))}</p>")
 
 
-def figure(svg: str, caption: object, command: str, *, is_wide: bool = False) -> Html:
-    """A picture with its caption, and the command that made it."""
+def figure(svg: str, caption: object, *, is_wide: bool = False) -> Html:
+    """A picture with its caption."""
     wide = ' class="wide"' if is_wide else ""
     return Html(
-        f'<figure{wide}><div class="scroll" tabindex="0">{svg}</div>'
-        f"<figcaption>{html(caption)} <code>{escaped(command)}</code></figcaption></figure>"
+        f'<figure{wide}><div class="scroll" tabindex="0">{svg}</div><figcaption>{html(caption)}</figcaption></figure>'
     )
 
 

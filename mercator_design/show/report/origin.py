@@ -44,6 +44,8 @@ def origin(facts: Facts) -> Html:
         _failures(facts),
         note("The same race again, from the files of this folder:"),
         command(again, "again"),
+        note("This page again:"),
+        command(facts.command(), "report"),
         note("A sample of its experiments again, to check the results:"),
         command(facts.command("runs", "verify"), "verify"),
     )

@@ -12,6 +12,14 @@ document.addEventListener("click", async (event) => {
   button.textContent = "Copied";
   setTimeout(() => (button.textContent = "Copy"), 1500);
 });
+// Parts that are wider than the screen say that they scroll, also those that are shown later.
+const mark = () => {
+  for (const part of document.querySelectorAll(".scroll")) part.classList.toggle("is-cut", part.scrollWidth > part.clientWidth + 1);
+};
+const soon = () => requestAnimationFrame(mark);
+new ResizeObserver(soon).observe(document.documentElement);
+new MutationObserver(soon).observe(document.documentElement, { childList: true, subtree: true });
+document.addEventListener("toggle", soon, true);
 const data = document.getElementById("sources");
 if (data) {
   const sources = JSON.parse(data.textContent);

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 
 from mercator_design.errors import excerpt
-from mercator_design.results.analysis.proof import Proof
+from mercator_design.results.analysis.comparison import WinnerComparison
 from mercator_design.results.experiments.winner import WinnerRuns
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import STYLE
@@ -12,10 +12,10 @@ from mercator_design.show.markup import escaped
 from mercator_design.show.page import POLICY, document, viewer_script, viewer_style
 from mercator_design.show.replay import replay_of
 from mercator_design.show.report.answer import answer
-from mercator_design.show.report.choice import choice
+from mercator_design.show.report.comparison import comparison_part, elites_part
 from mercator_design.show.report.course import course
 from mercator_design.show.report.importance import importance
-from mercator_design.show.report.markup import Html, note
+from mercator_design.show.report.markup import Html, contents, note
 from mercator_design.show.report.origin import origin
 from mercator_design.show.report.replays import winner_at_work
 from mercator_design.show.report.request import request
@@ -23,34 +23,25 @@ from mercator_design.show.report.request import request
 REPORT = "report.html"
 MAX_SIZE = 1_200_000
 """Bytes of a page; replays that do not fit are left out."""
-_LINKS = {
-    "answer": "Winner",
-    "request": "Request",
-    "course": "Course",
-    "choice": "Proof",
-    "importance": "What matters",
-    "replays": "Replays",
-    "origin": "Origin",
-}
 
 
-def report_page(facts: Facts, shown: WinnerRuns, proof: Proof | None = None, without: str = "") -> str:
+def report_page(facts: Facts, shown: WinnerRuns, comparison: WinnerComparison | None = None, without: str = "") -> str:
     """The page of a race, at whatever stage it is.
 
-    The proof is the winner on fresh instances; `without` says why there is none.
+    The comparison is that of the winner with others on fresh instances; `without` says why there is none.
     """
-    first = [
-        answer(facts, proof, [one.trace for one in shown.experiments]),
+    first = answer(facts, comparison, [one.trace for one in shown.experiments])
+    last = [
+        comparison_part(facts, comparison, without),
         request(facts),
         course(facts),
-        choice(facts, proof, without),
+        elites_part(facts),
         importance(facts),
+        origin(facts),
     ]
-    last = origin(facts)
     replays = [replay_of(one) for one in shown.experiments]
     while True:
-        sections = [*first, winner_at_work(shown, replays), last]
-        page = _page(facts, sections, viewer=bool(replays))
+        page = _page(facts, [first, winner_at_work(facts, shown, replays), *last], viewer=bool(replays))
         if len(page.encode()) <= MAX_SIZE or not replays:
             return page
         replays = replays[:-1]
@@ -73,8 +64,7 @@ def following_page(facts: Facts) -> str:
 def _page(facts: Facts, sections: Sequence[str], *, viewer: bool, follows: bool = False) -> str:
     title = excerpt(str(facts.start["name"]))
     body = "".join([*(note(f"Note: {text}") for text in facts.notes), *sections])
-    links = "".join(f'<a href="#{name}">{word}</a>' for name, word in _LINKS.items() if f'<section id="{name}"' in body)
-    head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{links}</nav>'
+    head = "" if follows else f'<p>{_state(facts)}</p><nav class="toc">{contents(body)}</nav>'
     styles = [*([viewer_style()] if viewer else []), STYLE, asset("page.css")]
     scripts = [*([viewer_script()] if viewer else []), asset("page.js"), *([asset("follow.js")] if follows else [])]
     policy = f"{POLICY}; connect-src 'self'" if follows else POLICY

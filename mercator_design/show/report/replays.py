@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+from mercator_design.designer import Designer
 from mercator_design.results.experiments.winner import WinnerRuns
+from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
 from mercator_design.show.markup import escaped
 from mercator_design.show.page import script_json
@@ -10,7 +12,7 @@ from mercator_design.show.replay import Replay
 from mercator_design.show.report.markup import Html, note, section
 
 
-def winner_at_work(shown: WinnerRuns, replays: Sequence[Replay]) -> Html:
+def winner_at_work(facts: Facts, shown: WinnerRuns, replays: Sequence[Replay]) -> Html:
     """The section of the winner's runs, with a tab for each replay; there may be fewer replays than runs."""
     if not replays:
         return section("replays", "The winner at work", note(shown.problem) if shown.problem else "")
@@ -25,4 +27,7 @@ def winner_at_work(shown: WinnerRuns, replays: Sequence[Replay]) -> Html:
     )
     left_out = [run.name for run in shown.runs[len(replays) :]]
     about = f"The page would be too large with the {' and the '.join(left_out)} run, too." if left_out else ""
-    return section("replays", "The winner at work", Html(player), note(about) if about else "")
+    assert facts.headline is not None  # noqa: S101 - there are runs of the winner
+    where = note(f"Median, best and worst of its runs {facts.headline.where}.")
+    made = facts.command("replay", file=Designer.WINNER, options=["--seed", str(shown.runs[0].seed)])
+    return section("replays", "The winner at work", where, Html(player), note(about) if about else "", command=made)

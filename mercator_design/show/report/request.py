@@ -24,7 +24,7 @@ def request(facts: Facts) -> Html:
             ("duration", f"{asked.duration:g} s"),
             ("objective", f"{objective.direction} {objective.name}"),
         ]
-        picture = Html() if facts.preview is None else _picture(facts.preview, facts.command())
+        picture = Html() if facts.preview is None else _picture(facts.preview)
     race: list[tuple[str, object]] = [
         ("flavour", start.get("flavour")),
         ("method", start["method"]),
@@ -33,10 +33,11 @@ def request(facts: Facts) -> Html:
         ("seed", start["seed"]),
         ("changed keys", ", ".join((facts.provenance and facts.provenance.request.set) or ()) or None),
     ]
-    return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture))
+    made = facts.command("missions", "show", file="mission.yaml") if picture else ""
+    return section("request", "What was asked", row_of(facts_list([*mission, *race]), picture), command=made)
 
 
-def _picture(preview: MissionPreview, command: str) -> Html:
+def _picture(preview: MissionPreview) -> Html:
     """The mission from above."""
     from PIL import Image
 
@@ -49,4 +50,4 @@ def _picture(preview: MissionPreview, command: str) -> Html:
     Image.open(drawn).convert("RGB").quantize(_COLOURS).save(file, format="PNG", optimize=True)
     data = base64.b64encode(file.getvalue()).decode()
     image = f'<img alt="The mission from above" src="data:image/png;base64,{data}">'
-    return figure(image, "The mission from above, with the start of the race's first instance.", command)
+    return figure(image, "The mission from above, with the start of the race's first instance.")

@@ -6,6 +6,7 @@ from operator import sub
 
 from mercator_design.errors import excerpt, printable
 from mercator_design.race.elimination.summary import Scores
+from mercator_design.scores import ANY_SCORE, ScoreRange
 
 _NOISE = 1e-9
 """Differences below this part of the largest score are rounding errors."""
@@ -28,19 +29,23 @@ def narrowed(rows: Sequence[Sequence[object]], dispensable: Sequence[str], width
     return lines
 
 
-def difference(ours: Sequence[float], theirs: Sequence[float] | None = None) -> str:
+def difference(ours: Sequence[float], theirs: Sequence[float] | None = None, possible: ScoreRange = ANY_SCORE) -> str:
     """The mean difference of scores on the same instances, with half of its confidence interval.
+
+    If the interval exceeds what differences can be, its larger half within that is shown.
 
     Args:
         ours: Scores. The text is empty for a single score.
         theirs: Other scores, in the same order of instances; None: `ours` are differences.
+        possible: The range of the scores.
     """
-    found = Scores(tuple(ours if theirs is None else map(sub, ours, theirs)))
-    if found.confidence_interval is None:
+    found = Scores(tuple(ours if theirs is None else map(sub, ours, theirs)), possible.differences)
+    if (interval := found.confidence_interval) is None:
         return ""
     noise = _NOISE * max(map(abs, [*ours, *(theirs or ())]))
     mean, half = (
-        figure if abs(figure) > noise else 0.0 for figure in (found.mean, found.confidence_interval[1] - found.mean)
+        figure if abs(figure) > noise else 0.0
+        for figure in (found.mean, max(found.mean - interval[0], interval[1] - found.mean))
     )
     return f"{mean:+.3g} ± {half:.2g}"
 

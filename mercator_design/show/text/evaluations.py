@@ -1,5 +1,6 @@
 """Evaluations of PFSMs on the same instances, as text, CSV and data for JSON."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.analysis.swarm import SwarmStats
+from mercator_design.scores import ScoreRange
 from mercator_design.show.text.columns import aligned, difference
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.system.csv_text import csv_text
@@ -59,7 +61,8 @@ class Comparison:
         self.of, self.mission, self.robot_model = of, mission, robot_model
         costs = [mission.cost(one.scores.mean) for one in of]
         self.best = costs.index(min(costs))
-        self.pairs: list[Pair[int]] = compared({k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)})
+        scores = {k: dict(enumerate(one.scores.values)) for k, one in enumerate(of)}
+        self.pairs: list[Pair[int]] = compared(scores, possible=of[0].scores.possible)
         self.p_values = {
             pair.second if pair.first == self.best else pair.first: pair.p_value
             for pair in self.pairs
@@ -71,12 +74,15 @@ def evaluation_summary(one: Evaluated, mission: Mission, robot_model: RobotModel
     """The figures of an evaluation, a line each; given instances have no master seed."""
     scores = one.scores
     low, middle, high = scores.quartiles
-    lines = [*_head(scores, mission, robot_model, seed), f"mean                 {scores.mean:.6g}"]
+    lines = [
+        *_head(scores, mission, robot_model, seed),
+        f"mean                 {scores.mean:.6g}{scores.possible.limit}",
+    ]
     if scores.confidence_interval is not None:
         lines += [
             f"standard deviation   {scores.standard_deviation:.6g}",
             f"confidence interval  {scores.confidence_interval[0]:.6g} to {scores.confidence_interval[1]:.6g} "
-            f"({CONFIDENCE:.0%} for the mean)",
+            f"({CONFIDENCE:.0%} for the mean, by Student's t{_within(scores.possible)})",
         ]
     lines += [f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"]
     if one.stats is not None:
@@ -103,10 +109,10 @@ def comparison_text(found: Comparison, *, seed: int | None) -> str:
     rows: list[Sequence[object]] = [
         ("FSM", "mean", f"{CONFIDENCE:.0%} interval", "sd", "quartiles", "against the best", "p")
     ]
-    best = found.of[found.best]
+    best, possible = found.of[found.best], found.of[found.best].scores.possible
     for k, one in enumerate(found.of):
         scores, p = one.scores, found.p_values.get(k)
-        against = "best" if k == found.best else difference(scores.values, best.scores.values)
+        against = "best" if k == found.best else difference(scores.values, best.scores.values, possible=possible)
         interval, sd = scores.confidence_interval, scores.standard_deviation
         rows.append(
             (
@@ -119,12 +125,17 @@ def comparison_text(found: Comparison, *, seed: int | None) -> str:
                 None if p is None else _p_text(p),
             )
         )
-    lines = [*_head(best.scores, found.mission, found.robot_model, seed), "", *aligned(rows)]
+    lines = [*_head(best.scores, found.mission, found.robot_model, seed)]
+    lines += [
+        f"scores               means{possible.limit}; intervals of {CONFIDENCE:.0%} by Student's t{_within(possible)}",
+        "",
+    ]
+    lines += aligned(rows)
     if 1 < len(found.pairs) <= _MAX_PAIRS:
         pairs = [
             (
                 f"{found.of[pair.first].label} - {found.of[pair.second].label}",
-                difference(pair.differences.values),
+                difference(pair.differences.values, possible=possible),
                 _p_text(pair.p_value),
             )
             for pair in found.pairs
@@ -187,11 +198,21 @@ def comparison_data(found: Comparison, *, seed: int | None) -> dict[str, Any]:
 
 
 def _head(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int | None) -> list[str]:
+    n = len(scores.values)
+    instances = "given instances" if seed is None else f"fresh instances, seed {seed}"
     return [
         f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
         f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
-        f"runs                 {len(scores.values)}, {'on given instances' if seed is None else f'seed {seed}'}",
+        f"runs                 {n}, on {instances}",
     ]
+
+
+def _within(possible: ScoreRange) -> str:
+    """The limits within which intervals are, in words."""
+    low, high = (f"{limit:.6g}" if math.isfinite(limit) else "" for limit in possible[:2])
+    if not low and not high:
+        return ""
+    return f", within {low} to {high}" if low and high else f", from {low} up" if low else f", up to {high}"
 
 
 def _facts(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int | None) -> dict[str, Any]:
@@ -203,6 +224,7 @@ def _facts(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int 
         "robot_model": robot_model.name,
         "runs": len(scores.values),
         "seed": seed,
+        "possible_scores": [limit if math.isfinite(limit) else None for limit in scores.possible[:2]],
     }
 
 

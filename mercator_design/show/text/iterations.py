@@ -6,6 +6,7 @@ from itertools import accumulate
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.events import IterationEnded
 from mercator_design.race.session.view import Incumbent, RaceView
+from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.show.charts import ChartLine, number
 from mercator_design.show.text.columns import aligned, difference
 
@@ -13,16 +14,19 @@ FEW = 4
 """Scores whose interval a chart shows, at least."""
 _FIRST, _LAST = 10, 20
 """Numbers of iterations that are shown, if there are more."""
-_HEAD = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "mean", "n", "against the best before")
+COLUMNS = ("iteration", "budget", "used", "raced", "instances", "alive", "best", "race mean", "runs")
+_HEAD = (*COLUMNS, "against the best before")
 
 
-def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
+def best_line(name: str, found: Sequence[Incumbent], possible: ScoreRange) -> ChartLine:
     """The mean of the best of each iteration over the experiments until its end, with its interval.
 
     Fewer scores than FEW have intervals so wide that little else would be seen: these are cut off.
     """
     ends = accumulate(one.ended.used for one in found)
-    points = [(end, Scores(tuple(one.scores.values()))) for end, one in zip(ends, found, strict=True) if one.scores]
+    points = [
+        (end, Scores(tuple(one.scores.values()), possible)) for end, one in zip(ends, found, strict=True) if one.scores
+    ]
     x, y = [end for end, _ in points], [of.mean for _, of in points]
     usual = [*y, *(value for _, of in points if len(of.values) >= FEW for value in of.interval)]
     low, high = min(usual, default=0.0), max(usual, default=0.0)
@@ -30,14 +34,17 @@ def best_line(name: str, found: Sequence[Incumbent]) -> ChartLine:
     return ChartLine(name, x, y, [low for low, _ in bands], [high for _, high in bands])
 
 
-def iterations_table(view: RaceView) -> list[str]:
+def iterations_table(view: RaceView, possible: ScoreRange = ANY_SCORE) -> list[str]:
     """A line for each iteration that has ended.
 
-    The mean is that of the best configuration over the n instances that it has seen by the end of the iteration. The
+    The mean in the race is that of the best configuration over the runs that it had by the end of the iteration. The
     last column is the mean difference to the best of the iteration before, on the instances that both have seen by
     then, with its confidence interval.
     """
-    rows: list[tuple[object, ...]] = [_HEAD, *((*iteration_cells(one), _difference(one)) for one in view.incumbents)]
+    rows: list[tuple[object, ...]] = [
+        _HEAD,
+        *((*iteration_cells(one), _difference(one, possible)) for one in view.incumbents),
+    ]
     if len(rows) > 1 + _FIRST + _LAST:
         rows[1 + _FIRST : -_LAST] = [("...", *[None] * (len(_HEAD) - 1))]
     return aligned(rows)
@@ -60,10 +67,10 @@ def iteration_name(ended: IterationEnded) -> str:
     return "final" if ended.postselection else str(ended.iteration)
 
 
-def _difference(incumbent: Incumbent) -> str:
+def _difference(incumbent: Incumbent, possible: ScoreRange) -> str:
     scores, before = incumbent.scores, incumbent.before
     if before is None:
         return "" if incumbent.ended.iteration == 1 else "the same"
     common = sorted(scores.keys() & before.keys())
-    found = difference(*([one[instance] for instance in common] for one in (scores, before)))
+    found = difference([scores[one] for one in common], [before[one] for one in common], possible)
     return f"{found} (n={len(common)})" if found else ""

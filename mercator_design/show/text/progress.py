@@ -293,9 +293,9 @@ class RaceDisplay(Display):
         best = now.best
         if best is None:
             return ""
-        sd = f"sd {best.sd:.3g}, " if best.n_results > 1 else ""
-        how = f" ({sd}n={best.n_results})" if self.line.is_wide else ""
-        return f", best {self._task.score(best.mean):.4g}{how}"
+        sd = f", sd {best.sd:.3g}" if best.n_results > 1 else ""
+        how = f" ({best.n_results} run{'s' * (best.n_results != 1)}{sd})" if self.line.is_wide else ""
+        return f", best {self._task.score(best.mean):.4g} in the race{how}"
 
 
 class AblationDisplay(Display):

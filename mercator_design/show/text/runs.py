@@ -9,14 +9,14 @@ from mercator_design.errors import RaceError, printable
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
 from mercator_design.race.session.journal import Reading
-from mercator_design.results.files import TASKS, read_journal
+from mercator_design.results.files import TASKS, possible_scores, read_journal
 from mercator_design.results.listing import COLUMNS, run_of, runs_of
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
 from mercator_design.show.text.iterations import best_line, iteration_notes, iterations_table
-from mercator_design.show.text.summary import test_lines
+from mercator_design.show.text.summary import test_lines, winner_lines
 
-_DISPENSABLE = ("started", "seed", "name", "budget")
+_DISPENSABLE = ("started", "seed", "name", "budget", "experiments", "flavour")
 
 
 def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
@@ -30,10 +30,11 @@ def runs_table(folder: Path, width: int | None = None) -> tuple[str, list[str]]:
         RaceError: if there is no such folder.
     """
     found = runs_of(folder)
-    head = ["mean" if name == "score" else name for name in COLUMNS]
     rows = [[f"{cell:.4g}" if isinstance(cell := run[name], float) else cell for name in COLUMNS] for run in found]
     wrong = [run for run in found if run["state"] in {"damaged", "end missing"}]
-    return "\n".join(narrowed([head, *rows], _DISPENSABLE, width)), [note for run in wrong for note in run["notes"]]
+    return "\n".join(narrowed([[*COLUMNS], *rows], _DISPENSABLE, width)), [
+        note for run in wrong for note in run["notes"]
+    ]
 
 
 def runs_json(folder: Path) -> str:
@@ -55,7 +56,7 @@ def run_summary(path: Path) -> str:
     record, run, view = reading.record, run_of(path, reading), reading.record.view
     if not record.start:
         return f"{path}: no race has begun here yet"
-    task = TASKS[record.start["task"]]
+    task, possible = TASKS[record.start["task"]], possible_scores(path)
     counted = {(one.configuration, one.instance) for one in record.experiments.values()}
     n_extra = sum(place not in counted for place in record.speculative)
     failed = sum(one.score is None for one in view.results())
@@ -74,14 +75,14 @@ def run_summary(path: Path) -> str:
         f"Digest     {record.digest()}",
     ]
     if view.incumbents:
-        lines += ["", *iterations_table(view), *iteration_notes(view), ""]
+        lines += ["", *iterations_table(view, possible), *iteration_notes(view), ""]
     if run["winner"] is not None:
         winner = [record.configurations[run["winner"]]]
         task.check(record.start, winner)
         columns = task.columns(record.start, winner)
-        tests = {number: Scores(scores) for number, scores in view.test_scores().items()}
-        lines += [f"Winner     configuration {run['winner']}, mean score {run['score']:.4g}"]
-        lines += test_lines(view, tests, "on fresh instances")
+        tests = {number: Scores(scores, possible) for number, scores in view.test_scores().items()}
+        lines += winner_lines(run["winner"], view, possible)
+        lines += test_lines(view, tests)
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
     return "\n".join(map(printable, lines))
@@ -113,7 +114,7 @@ def _begun(folder: Path) -> Reading:
 def _cells(folder: Path, reading: Reading) -> dict[str, object]:
     """The column of a race."""
     record, run = reading.record, run_of(folder, reading)
-    start, winner, view = record.start, run["winner"], record.view
+    start, winner, view, possible = record.start, run["winner"], record.view, possible_scores(folder)
     return {
         "": str(folder),
         "name": start["name"],
@@ -129,19 +130,18 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
         "configurations": len(record.configurations),
         "state": run["state"],
         "winner": winner,
-        **_scores("race", [*view.scores(winner).values()]),
-        **_scores("test", view.test_scores().get(winner, ())),
+        **_scores("race", Scores(tuple(view.scores(winner).values()), possible)),
+        **_scores("fresh", Scores(view.test_scores().get(winner, ()), possible)),
     }
 
 
-def _scores(where: str, scores: Sequence[float]) -> dict[str, object]:
+def _scores(where: str, of: Scores) -> dict[str, object]:
     """Mean, confidence interval and number of scores, in cells of their own, so that several races fit a line."""
-    of = Scores(tuple(scores))
-    interval = of.confidence_interval if scores else None
+    interval = of.confidence_interval if of.values else None
     return {
-        f"{where} mean": f"{of.mean:.4g}" if scores else None,
+        f"{where} mean": f"{of.mean:.4g}" if of.values else None,
         f"{where} interval": None if interval is None else f"{interval[0]:.3g} to {interval[1]:.3g}",
-        f"{where} scores": len(scores) or None,
+        f"{where} runs": len(of.values) or None,
     }
 
 
@@ -159,11 +159,9 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     lines, names = [], []
     for folder in folders:
         record = _begun(folder).record
-        lines.append(best_line(printable(str(folder)), record.view.incumbents))
+        lines.append(best_line(printable(str(folder)), record.view.incumbents, possible_scores(folder)))
         names.append(printable(str(record.start["name"])))
-    caption = (
-        f"The best configuration of each iteration, on the instances that it had seen by then. {printable(command)}"
-    )
+    caption = f"The best of each iteration in the race, on the instances that it had seen by then. {printable(command)}"
     y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
     title = ", ".join(dict.fromkeys(names))
     save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption)

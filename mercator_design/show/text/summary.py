@@ -15,6 +15,7 @@ from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.task import RaceResult, Task
 from mercator_design.race.session.view import RaceView
 from mercator_design.results.folder import RunFolder
+from mercator_design.scores import ScoreRange
 from mercator_design.show.text.columns import aligned
 from mercator_design.show.text.iterations import iteration_notes, iterations_table
 from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
@@ -50,7 +51,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         *(task.runs(new, tested) if new + tested else []),
         *(f"Note       {note}" for note in optimizer.notes),
         "",
-        *iterations_table(view),
+        *iterations_table(view, task.possible_scores),
         f"Ended: {'the whole budget is used' if optimizer.used == optimizer.budget else optimizer.stop_reason}",
         *iteration_notes(view),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
@@ -81,18 +82,16 @@ def _request(task: Task[Any]) -> list[str]:
 
 
 def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path) -> list[str]:
-    pfsm, scores = designer.pfsm(result.configuration), result.scores
+    pfsm = designer.pfsm(result.configuration)
     dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
-    spread = "" if scores.standard_deviation is None else f"sd {scores.standard_deviation:.3g}, "
     loaded = [word for plugin in plugins() for word in ("--plugin", str(plugin.file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *loaded]
-    again = [*evaluate, "-n", str(max((len(scores.values) for scores in result.tests.values()), default=0))]
+    if result.headline.is_fresh:
+        evaluate += ["-n", str(len(result.headline.scores.values))]
     return [
-        f"Winner     configuration {result.configuration}, score {scores.mean:.4g} "
-        f"({spread}n={len(scores.values)}) over the race's instances"
-        f"{'' if result.tests else '; measure it on fresh ones:'}",
-        *([] if result.tests else [f"           {shlex.join(evaluate)}"]),
-        *test_lines(view, result.tests, f"on fresh instances, as {shlex.join(again)} does for the winner"),
+        *winner_lines(result.configuration, view, designer.possible_scores),
+        f"           on {'the same' if result.headline.is_fresh else 'fresh'} instances: {shlex.join(evaluate)}",
+        *test_lines(view, result.tests),
         *(f"           {line}" for line in describe(pfsm, dead)),
         "",
         to_text(pfsm),
@@ -106,24 +105,48 @@ def _elites(result: RaceResult, task: Task[Any], view: RaceView) -> list[str]:
     columns = task.columns(task.start(), [optimizer.configurations[number] for number in numbers])
     rows: list[list[object]] = [
         ["configuration", *numbers],
-        ["mean", *(f"{task.score(elite.mean):.6g}" for elite in optimizer.elites)],
-        ["experiments", *(elite.n_results for elite in optimizer.elites)],
+        ["race mean", *(f"{task.score(elite.mean):.6g}" for elite in optimizer.elites)],
+        ["runs", *(elite.n_results for elite in optimizer.elites)],
         *([name, *values] for name, values in columns.items()),
     ]
-    tests = test_lines(view, result.tests, "on fresh instances, beyond the budget")
-    return ["Best", *aligned(rows), *tests, "", optimizer.space.command_line(optimizer.configurations[numbers[0]])]
+    tested = [*winner_lines(numbers[0], view, task.possible_scores), *test_lines(view, result.tests)]
+    return ["Best", *aligned(rows), "", *tested, "", optimizer.space.command_line(optimizer.configurations[numbers[0]])]
 
 
-def test_lines(view: RaceView, tests: Mapping[int, Scores], how: str) -> list[str]:
-    """How tests were made, then a line for each configuration: the winner, other elites, those of iterations before."""
-    if not tests:
+def winner_lines(winner: int, view: RaceView, possible: ScoreRange) -> list[str]:
+    """The winner with its score, and its score in the race if that is another one."""
+    headline, raced = (view.headline(possible, fresh=fresh) for fresh in (True, False))
+    assert headline is not None  # noqa: S101 - a winner has scores
+    assert raced is not None  # noqa: S101
+    first = f"Winner     configuration {winner}: score {headline.scores.mean:.4g}{possible.limit} {headline.where}"
+    first += interval_words(headline.scores)
+    optimistic = "optimistic, because it was chosen by them"
+    if not headline.is_fresh:
+        return [first, f"           {optimistic}"]
+    return [first, f"           {raced.where}: {raced.scores.mean:.4g}, {optimistic}"]
+
+
+def interval_words(scores: Scores) -> str:
+    """The confidence interval of the mean in words that follow it; empty for a single score."""
+    interval = scores.confidence_interval
+    return "" if interval is None else f" ({interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%})"
+
+
+def test_lines(view: RaceView, tests: Mapping[int, Scores]) -> list[str]:
+    """A line for each configuration that was tested: the winner, other elites, those of iterations before.
+
+    There are none if it is only the winner.
+    """
+    if tests.keys() <= {view.winner}:
         return []
     roles = _roles(view)
     rows = [
-        (f"configuration {number}", roles.get(number), _scores_text(tests[number]))
+        (f"configuration {number}", roles.get(number), f"mean {tests[number].mean:.4g}{interval_words(tests[number])}")
         for number in dict.fromkeys([*roles, *tests])
         if number in tests
     ]
+    n = max(len(one.values) for one in tests.values())
+    how = f"on {n} fresh instance{'s' * (n != 1)}, beyond the budget"
     return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
 
 
@@ -140,13 +163,6 @@ def _roles(view: RaceView) -> dict[int, str]:
             for number in one.elites[rank - 1 : rank]:
                 roles.setdefault(number, f"{called} of iteration {one.iteration}")
     return roles
-
-
-def _scores_text(scores: Scores) -> str:
-    """Mean, confidence interval and number of tests."""
-    interval = scores.confidence_interval
-    around = "" if interval is None else f", {interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%}"
-    return f"mean {scores.mean:.4g}{around} (n={len(scores.values)})"
 
 
 def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:

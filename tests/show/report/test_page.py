@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
+from mercator_design.api import fresh_instances
 from mercator_design.cli.races import reporting
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.text import parse, to_text
@@ -22,14 +23,26 @@ from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
-from mercator_design.results.analysis import proof as proofs
-from mercator_design.results.analysis.proof import PROOF, Contestant, Proof, prove, read_proof
+from mercator_design.results.analysis import comparison as comparisons
+from mercator_design.results.analysis.comparison import (
+    ALONE,
+    COMPARISON,
+    RANDOM,
+    Contestant,
+    WinnerComparison,
+    compare_winner,
+    read_comparison,
+    winner_tests,
+)
 from mercator_design.results.experiments.winner import WinnerRuns, run_again
 from mercator_design.results.facts import Facts
+from mercator_design.results.files import read_journal
+from mercator_design.results.listing import run_of
+from mercator_design.scores import ScoreRange
 from mercator_design.show.report import importance as importances
 from mercator_design.show.report import page as pages
 from mercator_design.show.report import request as requests
-from mercator_design.show.report.choice import verdict
+from mercator_design.show.report.comparison import verdict
 from mercator_design.show.report.page import REPORT, report_page
 from tests.race.damage import damaged
 from tests.tiers import cases, some
@@ -75,7 +88,7 @@ def raced(tmp_path_factory, mdesign_once):
     folder = tmp_path_factory.mktemp("report") / "race"
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("MDESIGN_NO_REPORT")
-        mdesign_once(*RACE, "--proof-runs", 6, "-o", folder)
+        mdesign_once(*RACE, "--test-runs", 6, "-o", folder)
     return folder
 
 
@@ -85,8 +98,8 @@ def facts(raced):
 
 
 @pytest.fixture(scope="module")
-def proof(raced, facts):
-    return read_proof(raced, facts.record)
+def comparison(raced, facts):
+    return read_comparison(raced, facts.record)
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +109,10 @@ def page(raced):
 
 @pytest.fixture
 def folder(raced, tmp_path):
-    """A copy of the race without its report and proof."""
+    """A copy of the race without its report and comparison."""
     shutil.copytree(raced, tmp_path / "r")
     (tmp_path / "r" / REPORT).unlink()
-    (tmp_path / "r" / PROOF).unlink()
+    (tmp_path / "r" / COMPARISON).unlink()
     return tmp_path / "r"
 
 
@@ -112,14 +125,14 @@ def quick(monkeypatch):
 
 class TestNumbers:
     @pytest.mark.thorough
-    def test_score_is_that_of_the_winner_on_fresh_instances(self, page, proof, facts):
+    def test_score_is_that_of_the_winner_on_fresh_instances(self, page, comparison, facts):
         (shown,) = page.all("data-n")
-        scores = Scores(proof.contestants[0].scores)
+        scores = Scores(comparison.contestants[0].scores, ScoreRange(0.0, 2.0))
         low, high = scores.confidence_interval
         for key, value in (("score", scores.mean), ("low", low), ("high", high), ("n", 6)):
             assert float(shown[f"data-{key}"]) == pytest.approx(value, rel=1e-5, abs=1e-9)
         pfsm = facts.pfsm(facts.best)
-        assert [facts.designer.simulator.run(pfsm, seed).score for seed in proof.seeds] == list(scores.values)
+        assert [facts.designer.simulator.run(pfsm, seed).score for seed in comparison.seeds] == list(scores.values)
 
     def test_software_is_the_winners(self, page, facts, raced):
         assert to_text(facts.pfsm(facts.best)) in page.text
@@ -146,39 +159,51 @@ class TestNumbers:
         expected = [score for one in facts.elites for _, score in sorted(facts.view.scores(one).items())]
         assert cells == pytest.approx(expected, rel=1e-5)
 
-    def test_comparisons_with_the_winner(self, page, proof):
-        winner, *others = proof.contestants
+    def test_comparisons_with_the_winner(self, page, comparison):
+        winner, *others = comparison.contestants
         tested = [ttest_rel(winner.scores, one.scores).pvalue for one in others]
         expected = holm(np.nan_to_num(np.array(tested), nan=1.0))
-        assert [pair.p_value for pair in proof.pairs()] == pytest.approx(expected.tolist())
+        assert [pair.p_value for pair in comparison.pairs()] == pytest.approx(expected.tolist())
         shown = {one["data-name"]: float(one["data-mean"]) for one in page.all("data-mean")}
-        for one in proof.contestants:
+        for one in comparison.contestants:
             assert shown[one.name] == pytest.approx(float(np.mean(one.scores)), rel=1e-5)
         assert {"winner", "random PFSMs", "exploration alone", "stop alone"} <= shown.keys()
 
-    def test_replays_are_the_median_best_and_worst(self, page, proof):
+    def test_replays_are_the_median_best_and_worst(self, page, comparison):
         shown = {one["data-seed"]: float(one["data-score"]) for one in page.all("data-replay")}
-        scores = dict(zip(map(str, proof.seeds), proof.contestants[0].scores, strict=True))
+        scores = dict(zip(map(str, comparison.seeds), comparison.contestants[0].scores, strict=True))
         assert shown.items() <= scores.items()
         in_order = sorted(scores.values())
         replayed = [float(one["data-score"]) for one in page.all("data-replay")]
         assert replayed == [in_order[2], in_order[-1], in_order[0]]
 
-    def test_every_section_is_there_with_its_link(self, page):
+    def test_every_section_is_there_and_its_link_has_its_heading(self, page, raced):
         sections = [one["id"] for tag, one in page.elements if tag == "section"]
-        assert sections == ["answer", "request", "course", "choice", "importance", "replays", "origin"]
-        assert [one["href"] for one in page.all("href")] == [f"#{name}" for name in sections]
+        others = ["comparison", "request", "course", "elites", "importance", "origin"]
+        assert sections == ["answer", "replays", *others]
+        text = (raced / REPORT).read_text()
+        links = re.findall(r'<a href="#(\w+)">(.*?)</a>', text)
+        assert links == re.findall(r'<section id="(\w+)"><h2>(.*?)</h2>', text)
+        assert [name for name, _ in links] == sections
+        assert ("comparison", "Comparison on fresh instances") in links
 
     def test_what_scrolls_is_reached_by_keys(self, page):
         scrolling = [one for one in page.all("class") if one["class"] == "scroll"]
         assert len(scrolling) >= 8
         assert all(one.get("tabindex") == "0" for one in scrolling)
 
-    def test_every_figure_has_a_caption_with_its_command(self, page, raced):
-        n_figures = sum(tag == "figure" for tag, _ in page.elements)
-        captions = re.findall(r"<figcaption>.*?<code>(.*?)</code></figcaption>", (raced / REPORT).read_text())
-        assert len(captions) == n_figures >= 8
-        assert set(captions) <= {f"mdesign report {raced}", f"mdesign runs importance {raced}"}
+    def test_every_section_with_figures_ends_with_a_command_of_its_own(self, mdesign, raced):
+        text = (raced / REPORT).read_text()
+        assert text.count("<figcaption>") == text.count("<figure") >= 8
+        sections = re.findall(r'<section id="(\w+)">(.*?)</section>', text, re.DOTALL)
+        made = {name: re.findall(r'<p class="made">Made by <code>(.*?)</code></p>', body) for name, body in sections}
+        drawn = {name for name, body in sections if "<figure" in body or 'id="replay"' in body}
+        assert {name for name, commands in made.items() if commands} == drawn
+        every = [command for commands in made.values() for command in commands]
+        assert len(every) == len(set(every)) == len(drawn)
+        for command in every:
+            if command.split()[1] in {"runs", "fsm", "missions"}:
+                assert mdesign(*command.split()[1:])[0] == 0
 
 
 class TestAlone:
@@ -191,11 +216,11 @@ class TestAlone:
     def test_it_is_small(self, raced):
         assert (raced / REPORT).stat().st_size < 300_000
 
-    def test_replays_that_do_not_fit_are_left_out(self, facts, proof, monkeypatch):
+    def test_replays_that_do_not_fit_are_left_out(self, facts, comparison, monkeypatch):
         monkeypatch.setattr(pages, "MAX_SIZE", 0)
         for name in ("request", "importance"):
             monkeypatch.setattr(pages, name, lambda facts: "")
-        assert not Page(report_page(facts, run_again(facts, proof), proof)).all("data-replay")
+        assert not Page(report_page(facts, run_again(facts), comparison)).all("data-replay")
 
 
 class TestAblation:
@@ -300,61 +325,86 @@ class TestStages:
         assert "found another race" in Page(report_page(facts, WinnerRuns())).text
 
 
-class TestProof:
+class TestComparison:
     @pytest.mark.usefixtures("quick")
     def test_it_is_the_same_again_and_its_experiments_run_once(self, mdesign, folder, raced):
         arguments = ("report", folder, "-o", folder / "a.html")
-        assert mdesign(*arguments, "--proof-runs", 6)[:2] == (0, f"{folder / 'a.html'}\n")
-        first = (folder / PROOF).read_bytes()
-        assert first == (raced / PROOF).read_bytes()
-        os.utime(folder / PROOF, (1, 1))
+        assert mdesign(*arguments)[:2] == (0, f"{folder / 'a.html'}\n")
+        first = (folder / COMPARISON).read_bytes()
+        assert first == (raced / COMPARISON).read_bytes()
+        os.utime(folder / COMPARISON, (1, 1))
         assert mdesign(*arguments)[0] == 0
-        assert (folder / PROOF).stat().st_mtime == 1
+        assert (folder / COMPARISON).stat().st_mtime == 1
         assert 'data-table="fresh"' in (folder / "a.html").read_text()
 
     def test_it_does_not_change_the_race(self, raced, facts):
         assert facts.record.digest() == facts.provenance.journal
 
+    def test_its_winner_has_the_score_of_the_tests(self, raced, facts, comparison):
+        assert comparison.seeds == tuple(fresh_instances(1, 6))  # those of `mdesign evaluate`
+        assert (
+            comparison.contestants[0].scores
+            == facts.headline.scores.values
+            == tuple(winner_tests(facts.record).values())
+        )
+        listed = run_of(raced, read_journal(raced))
+        assert (listed["score"], listed["measured"]) == (facts.headline.scores.mean, "on 6 fresh instances")
+
     @pytest.mark.usefixtures("quick")
-    def test_another_number_of_runs_or_none(self, mdesign, folder):
-        mdesign("report", folder, "--proof-runs", 0)
-        assert not (folder / PROOF).exists()
-        for runs in (2, 1):
-            assert mdesign("report", folder, "--proof-runs", runs)[0] == 0
-            assert len(json.loads((folder / PROOF).read_text())["seeds"]) == runs
-        assert "A single fresh instance is too few" in (folder / REPORT).read_text()
+    def test_after_more_tests_or_none(self, mdesign, folder, monkeypatch):
+        monkeypatch.setattr(comparisons, "MAX_OTHERS", 4)
+        mdesign("report", folder, "--no-comparison")
+        assert not (folder / COMPARISON).exists()
+        assert f"mdesign report {folder} does that." in Page((folder / REPORT).read_text()).text
+        for runs in (6, 7):
+            assert mdesign("race", "--resume", folder, "--test-runs", runs)[0] == 0
+            assert mdesign("report", folder)[0] == 0
+            data = json.loads((folder / COMPARISON).read_text())
+            assert [len(one["scores"]) for one in data["contestants"]][:3] == [runs, 4, 4]
+        assert "(the others on the first 4)" in (folder / REPORT).read_text()
+
+    @pytest.mark.usefixtures("quick")
+    def test_of_a_winner_that_was_not_tested(self, mdesign, folder):
+        lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        (folder / "journal.jsonl").write_bytes(b"".join(lines[:-6]))
+        assert mdesign("report", folder)[0] == 0
+        assert not (folder / COMPARISON).exists()
+        text = Page((folder / REPORT).read_text()).text
+        assert f"it was not tested on any: mdesign race --resume {folder} --test-runs 30" in text
+        assert re.search(r"of at most 2 in the race, \d+ runs", text)
 
     def test_it_may_be_stopped(self, folder, facts):
         with ThreadExecutor(1) as executor, pytest.raises(ExecutorStopped):
-            prove(folder, facts.designer, facts.record, executor, runs=2, stopped=lambda: True)
-        assert not (folder / PROOF).exists()
+            compare_winner(folder, facts.designer, facts.record, executor, stopped=lambda: True)
+        assert not (folder / COMPARISON).exists()
 
     def test_of_another_end_it_is_not_shown(self, folder, facts, raced):
-        data = json.loads((raced / PROOF).read_text())
-        (folder / PROOF).write_text(json.dumps(data | {"journal": "0"}))
-        assert read_proof(folder, facts.record) is None
+        data = json.loads((raced / COMPARISON).read_text())
+        (folder / COMPARISON).write_text(json.dumps(data | {"journal": "0"}))
+        assert read_comparison(folder, facts.record) is None
 
     @pytest.mark.parametrize("text", ["", "[]", "{", '{"journal": "", "seeds": [1], "contestants": []}'])
     def test_damaged_ones_are_refused(self, mdesign, folder, text):
-        (folder / PROOF).write_text(text)
+        (folder / COMPARISON).write_text(text)
         code, _, err = mdesign("report", folder)
         assert code == 1
-        assert PROOF in err
+        assert COMPARISON in err
 
     def test_what_it_says_depends_on_the_direction(self, facts):
         runs = tuple(range(8))
         higher = tuple(value + 5.0 + 0.1 * (value % 3) for value in runs)
-        rows = [("winner", runs), (proofs.RANDOM, higher), (f"stop{proofs.ALONE}", runs)]
-        made = Proof(
-            journal="", seeds=runs, contestants=tuple(Contestant(name=name, fsm="", scores=s) for name, s in rows)
-        )
-        begin, alike = "The winner on 8 fresh instances:", "it is not distinguishable from every PFSM of one state"
+        rows = [("winner", runs), (RANDOM, higher), (f"stop{ALONE}", runs)]
+        contestants = tuple(Contestant(name=name, fsm="", scores=scores) for name, scores in rows)
+        made = WinnerComparison(journal="", seeds=runs, contestants=contestants)
+        begin, alike = "On the same fresh instances,", "it is not distinguishable from every PFSM of one state"
         assert verdict(facts, made) == f"{begin} {alike}; it is significantly worse than random PFSMs."
         other = replace(facts, task=SimpleNamespace(maximise=False))
+        single = tuple(replace(one, scores=one.scores[:1]) for one in contestants)
+        assert "A single fresh instance is too few" in verdict(facts, replace(made, seeds=(0,), contestants=single))
         assert verdict(other, made) == f"{begin} it is significantly better than random PFSMs; {alike}."
 
-    def test_machines_of_one_state_are_in_the_domains(self, proof):
-        alone = [one for one in proof.contestants if one.name.endswith(proofs.ALONE)]
+    def test_machines_of_one_state_are_in_the_domains(self, comparison):
+        alone = [one for one in comparison.contestants if one.name.endswith(ALONE)]
         assert len(alone) >= 4
         assert all(len(parse(one.fsm).states) == 1 for one in alone)
 
@@ -373,7 +423,7 @@ class TestCommand:
         monkeypatch.setattr(reporting, "write_text" if isinstance(error, OSError) else "report_page", fail)
         if isinstance(error, OSError):
             monkeypatch.setattr(reporting, "report_page", lambda *_, **__: "")
-        code, out, err = mdesign("race", "--resume", folder, "--proof-runs", 0)
+        code, out, err = mdesign("race", "--resume", folder, "--no-comparison")
         assert code == 0
         assert "Winner" in out
         assert "Report  " not in out
@@ -384,7 +434,7 @@ class TestCommand:
     def test_where_it_is(self, mdesign, folder, monkeypatch):
         monkeypatch.delenv("MDESIGN_NO_REPORT")
         monkeypatch.setattr(reporting, "report_page", lambda *_, **__: "page")
-        code, out, _ = mdesign("race", "--resume", folder, "--proof-runs", 0)
+        code, out, _ = mdesign("race", "--resume", folder, "--no-comparison")
         assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
         assert (folder / REPORT).read_text() == "page"
 
@@ -395,13 +445,13 @@ class TestCommand:
             monkeypatch.setattr(pages, name, lambda facts: "")
         steps = [
             f"Report: reading the race of {folder} ...",
-            "Report: running the winner and others on 1 fresh instance ...",
+            "Report: comparing the winner with others on 6 fresh instances ...",
             "Report: running the winner again, for the replays ...",
             "Report: finding which modules explain the scores, and drawing the page ...",
         ]
         for command in (("race", "--resume", folder), ("report", folder)):
-            (folder / PROOF).unlink(missing_ok=True)
-            err = mdesign(*command, "--proof-runs", 1)[2]
+            (folder / COMPARISON).unlink(missing_ok=True)
+            err = mdesign(*command)[2]
             assert [line for line in err.splitlines() if line.startswith("Report: ")] == steps
         assert "Report: " not in mdesign("race", "--resume", folder, "--quiet")[2]
 

@@ -136,8 +136,9 @@ class TestVerb:
         assert code == 0
         assert {*found} == {
             *("mission", "direction", "robots", "duration", "robot_model", "runs", "seed", "seeds", "best", "fsms"),
-            "pairs",
+            *("pairs", "possible_scores"),
         }
+        assert found["possible_scores"][0] == 0.0
         assert [one["fsm"] for one in found["fsms"]] == [STOP, WALK, W1]
         assert {*found["fsms"][0]["stats"]} == {
             *("states", "transitions", "ground", "neighbours", "obstacles", "speed"),

@@ -73,8 +73,8 @@ class TestPlainLines:
         display.line.print_if_due()  # nothing happens, but time goes on
         display.line.print_if_due()
         assert capsys.readouterr().err == (
-            "\\x1b[31mred\\n\\u202e: iteration 2/9, 17 alive, best 2.8 (sd 0.414, n=15), 97/500 experiments, 3.4/s, "
-            "0:01:57 left\n"
+            "\\x1b[31mred\\n\\u202e: iteration 2/9, 17 alive, best 2.8 in the race (15 runs, sd 0.414), "
+            "97/500 experiments, 3.4/s, 0:01:57 left\n"
         )
 
     def test_at_the_end_of_an_iteration_and_for_tests(self, note, clock, capsys):

@@ -14,7 +14,7 @@ from mercator_design.show.text.runs import runs_table
 
 pytestmark = pytest.mark.together
 
-RACE = ["race", "aggregation", "--budget", "20", "--method", "random", "-j", "1", "--no-report"]
+RACE = ["race", "aggregation", "--budget", "20", "--method", "random", "-j", "1", "--test-runs", "0", "--no-report"]
 QUICK = ["--set", "robots=2", "--set", "duration=3", "--set", "robot_model=mercator-chocolate"]
 
 
@@ -41,17 +41,19 @@ class TestList:
         }
         listed = {run["run"]: run for run in json.loads(mdesign("runs", "list", races, "--json")[1])}
         page = mdesign("runs", "show", races / "a")[1]
-        assert f"mean {listed[str(races / 'a')]['tested']:.4g}" in page
-        assert float(found["a"]["tested"]) == pytest.approx(listed[str(races / "a")]["tested"], rel=1e-3)
-        assert listed[str(races / "b")]["tested"] is None
-        assert "tested" not in found["b"]
+        one, other = (listed[str(races / name)] for name in "ab")
+        assert f"score {one['score']:.4g} of at most 2 on 3 fresh instances" in page
+        assert (found["a"]["score"], found["a"]["measured"]) == (f"{one['score']:.4g}", "on 3 fresh instances")
+        assert (one["score"], one["fresh_runs"], one["low"], one["high"]) == (one["fresh_score"], 3, 0.0, 2.0)
+        assert (other["score"], other["fresh_runs"]) == (other["race_score"], None)
+        assert found["b"]["measured"] == other["measured"] == f"in the race, {other['race_runs']} runs"
 
     def test_it_fits_a_terminal(self, races, monkeypatch):
         monkeypatch.chdir(races.parent)
         lines = runs_table(races.relative_to(races.parent), 80)[0].splitlines()
         assert max(map(len, lines)) <= 80
         assert lines[0].split()[1:3] == ["flavour", "method"] or lines[0].split()[1:4] == ["name", "flavour", "method"]
-        assert lines[0].split()[-2:] == ["mean", "tested"]
+        assert lines[0].split()[-2:] == ["score", "measured"]
 
 
 class TestCompare:
@@ -61,7 +63,7 @@ class TestCompare:
         rows = dict(re.split(r" {2,}", line, maxsplit=1) for line in out.splitlines()[1:])
         assert re.split(r" {2,}", rows["flavour"]) == ["watermelon", "chocolate"]
         assert re.split(r" {2,}", rows["seed"]) == ["1", "2"]
-        assert rows["test scores"] == "3"
+        assert rows["fresh runs"] == "3"
 
     def test_winners_on_the_same_instances(self, mdesign, races):
         code, out, _ = mdesign("runs", "compare", races / "a", races / "b", "-n", 4, "--json")

@@ -206,8 +206,9 @@ class Winner(BaseModel):
 
     configuration: int
     mean: float
-    """Mean of its scores in the race."""
-    runs: int
+    """Its score."""
+    measured: str
+    """Where: "on 30 fresh instances", or "in the race, 12 runs"."""
     is_winner: bool
     fsm: CheckedFsm
 
@@ -222,7 +223,7 @@ class EvaluatedFsm(BaseModel):
     standard_deviation: float | None
     quartiles: tuple[float, float, float]
     confidence_interval: tuple[float, float] | None
-    """95 % interval of the mean, by Student's t."""
+    """95 % interval of the mean, by Student's t, within the possible scores."""
 
 
 class FsmPair(BaseModel):
@@ -246,6 +247,8 @@ class EvaluationAnswer(BaseModel):
     robot_model: str
     runs: int
     seed: int
+    possible_scores: tuple[float | None, float | None]
+    """The least and the largest; null where there is no limit."""
     seeds: list[int]
     best: str
     fsms: list[EvaluatedFsm]

@@ -1,8 +1,8 @@
-"""The proof of a race's choice: its winner on fresh instances, against others.
+"""The comparison of a race's winner with others on fresh instances: those on which the winner was tested.
 
-The others are the runner-up, random PFSMs (another on each instance), and PFSMs of one state, the simplest ones.
-The experiments do not count towards the budget. Instances and random PFSMs depend on the race's seed alone. The results
-are kept in the run folder.
+The others are the runner-up, random PFSMs (another on each instance), and PFSMs of one state, the simplest ones. Their
+experiments do not count towards the budget; random PFSMs depend on the race's seed alone. The results are kept in the
+run folder.
 """
 
 import json
@@ -22,36 +22,38 @@ from mercator_design.fsm.text import to_text
 from mercator_design.modules.behaviours import BEHAVIOURS
 from mercator_design.modules.module import Module, numbered
 from mercator_design.race.analysis.pairs import Pair, compared
-from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.session.events import Number
 from mercator_design.race.session.record import Record
-from mercator_design.seeds import generator, instance_seed
+from mercator_design.scores import ANY_SCORE, ScoreRange
+from mercator_design.seeds import generator
 from mercator_design.system.files import write_text, writing
 
-PROOF = "proof.json"
+COMPARISON = "comparison.json"
+TEST_RUNS = 30
+"""Number of fresh instances on which the winner of a race is tested, and others with it, by default."""
 RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
 """Names of contestants; that of a PFSM of one state is its behaviour with `ALONE`."""
-_SHARE = 0.08  # of the budget
-_MIN_RUNS, _MAX_RUNS = 5, 50  # instances
+MAX_OTHERS = 50
+"""Maximum number of instances on which the others run; the first of those of the winner."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contestant:
-    """A contestant of the proof: the winner, or a PFSM that it is compared with.
+    """A contestant of the comparison: the winner, or a PFSM that it is compared with.
 
     fsm: Its text; empty if each instance has a PFSM of its own.
-    scores: On the instances, in their order.
+    scores: On the instances, in their order; those of the others may be fewer.
     """
 
     name: str
     fsm: str
-    scores: tuple[Annotated[float, Range(-1e30, 1e30)], ...]
+    scores: Annotated[tuple[Annotated[float, Range(-1e30, 1e30)], ...], Length(1)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Proof:
-    """The contents of proof.json.
+class WinnerComparison:
+    """The contents of comparison.json.
 
     journal: The digest of the race's journal.
     seeds: Seeds of the instances.
@@ -62,93 +64,99 @@ class Proof:
     seeds: Annotated[tuple[Number, ...], Length(1)]
     contestants: Annotated[tuple[Contestant, ...], Length(2)]
 
-    @property
-    def winner(self) -> Scores:
-        """The scores of the winner."""
-        return Scores(self.contestants[0].scores)
-
-    def pairs(self) -> list[Pair[str]]:
-        """The winner against each of the others, by paired tests."""
+    def pairs(self, possible: ScoreRange = ANY_SCORE) -> list[Pair[str]]:
+        """The winner against each of the others, by paired tests on their common instances."""
         scores = {one.name: dict(enumerate(one.scores)) for one in self.contestants}
         winner, *others = scores
-        return compared(scores, [(winner, other) for other in others])
+        return compared(scores, [(winner, other) for other in others], possible)
 
 
-def default_runs(designer: Designer, record: Record) -> int:
-    """The number of instances for which the experiments are about 8 % of the budget; at least 5, at most 50."""
-    n = len(_contestants(designer, record, 1))
-    return max(_MIN_RUNS, min(_MAX_RUNS, int(_SHARE * record.budget / n)))
+def winner_tests(record: Record) -> dict[int, float]:
+    """The scores of the winner on fresh instances, by the seeds of these, in their order."""
+    own = sorted(where for where in record.tests if where.configuration == record.view.leader)
+    tests = (record.tests[where] for where in own)
+    return {one.seed: one.score for one in tests if one.score is not None}
 
 
-def read_proof(folder: Path, record: Record) -> Proof | None:
-    """The proof in a run folder; None if there is none, or if it is of another end of the race.
+def n_compared(flavour: str, runs: int) -> int:
+    """The number of experiments of the others, at most, if the winner was tested on a number of instances."""
+    return (2 + len(numbered(BEHAVIOURS, flavour))) * min(runs, MAX_OTHERS)
+
+
+def read_comparison(folder: Path, record: Record) -> WinnerComparison | None:
+    """The comparison in a run folder; None if there is none, or if it is of another end of the race or other tests.
 
     Raises:
         RaceError: It is damaged.
     """
-    file = folder / PROOF
+    file = folder / COMPARISON
     if not file.exists():
         return None
     try:
-        proof: Proof = read_json(file, Proof, error=RaceError)
+        found: WinnerComparison = read_json(file, WinnerComparison, error=RaceError)
     except RaceError as error:
         raise RaceError(f"{error}; delete it to make it again") from None
-    if any(len(one.scores) != len(proof.seeds) for one in proof.contestants):
-        raise RaceError(f"{file}: expected {len(proof.seeds)} scores of each contestant; delete it to make it again")
-    return proof if record.ends and proof.journal == record.ends[-1].digest else None
+    winner, *others = found.contestants
+    if len(winner.scores) != len(found.seeds) or any(len(one.scores) > len(found.seeds) for one in others):
+        raise RaceError(f"{file}: expected scores on {len(found.seeds)} instances; delete it to make it again")
+    is_same = dict(zip(found.seeds, winner.scores, strict=True)) == winner_tests(record)
+    return found if is_same and record.ends and found.journal == record.ends[-1].digest else None
 
 
-def prove(
+def compare_winner(
     folder: Path,
     designer: Designer,
     record: Record,
     executor: Executor,
     *,
-    runs: int,
     watch: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005 - a name for the reader
     stopped: Callable[[], bool] = lambda: False,
-) -> Proof:
-    """Run the experiments of a proof, and write it to the run folder.
+) -> WinnerComparison:
+    """Run the experiments of a comparison, and write it to the run folder.
 
     Args:
         folder: The run folder.
         designer: The task of the race.
-        record: Its record; the race has ended.
+        record: Its record; the race has ended, and its winner was tested.
         executor: Runs the experiments.
-        runs: Number of instances.
         watch: Called with the numbers of experiments done and in all.
         stopped: Returns whether to stop; called before each experiment.
 
     Raises:
         ExecutorStopped: see `stopped`; running experiments have finished.
-        MercatorError: An experiment failed, or the proof cannot be written.
+        MercatorError: An experiment failed, or the comparison cannot be written.
     """
-    seeds = tuple(instance_seed(designer.optimizer.seed, "proof", instance) for instance in range(runs))
-    contestants = _contestants(designer, record, runs)
-    items = [one for pfsms in contestants.values() for one in zip(pfsms, seeds, strict=True)]
+    tests = winner_tests(record)
+    seeds = [*tests][:MAX_OTHERS]
+    n = len(seeds)
+    (name, (winner, *_)), *others = _contestants(designer, record, n).items()
+    items = [one for _, pfsms in others for one in zip(pfsms, seeds, strict=True)]
     found = in_order(executor, designer.function, items, lambda done: watch(done, len(items)), stopped)
     scores = [one.score for one in found]
-    proof = Proof(
+    comparison = WinnerComparison(
         journal=record.ends[-1].digest,
-        seeds=seeds,
-        contestants=tuple(
-            Contestant(
-                name=name,
-                fsm="" if name == RANDOM else to_text(pfsms[0]),
-                scores=tuple(scores[k * runs : (k + 1) * runs]),
-            )
-            for k, (name, pfsms) in enumerate(contestants.items())
+        seeds=tuple(tests),
+        contestants=(
+            Contestant(name=name, fsm=to_text(winner), scores=tuple(tests.values())),
+            *(
+                Contestant(
+                    name=name,
+                    fsm="" if name == RANDOM else to_text(pfsms[0]),
+                    scores=tuple(scores[k * n : (k + 1) * n]),
+                )
+                for k, (name, pfsms) in enumerate(others)
+            ),
         ),
     )
-    with writing(folder / PROOF, RaceError):
-        write_text(folder / PROOF, json.dumps(plain(proof)) + "\n")
-    return proof
+    with writing(folder / COMPARISON, RaceError):
+        write_text(folder / COMPARISON, json.dumps(plain(comparison)) + "\n")
+    return comparison
 
 
 def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, list[Pfsm]]:
     """The PFSM of each contestant on each instance, by the contestant's name; the winner first."""
     flavour, space = designer.flavour, designer.optimizer.space
-    draws = generator(designer.optimizer.seed, "proof, random PFSMs")
+    draws = generator(designer.optimizer.seed, "comparison, random PFSMs")
 
     def random() -> Pfsm:
         drawn = space.build(lambda parameter, bounds: parameter.quantile(float(draws.random()), bounds))

@@ -89,7 +89,7 @@ def ablation_page(ablation: Ablation, width: int | None = None) -> str:
         low, high = row.scores.interval
         cells = (number, row.change, f"{row.scores.mean:.4g}", f"{low:.4g} to {high:.4g}")
         before = [steps[max(number - 1, 0)], steps[0]]
-        against = [difference(row.scores.values, one.scores.values) for one in before]
+        against = [difference(row.scores.values, one.scores.values, row.scores.possible) for one in before]
         rows.append((*cells, *((*against, f"{row.p_value:.2g}") if number else (None, None, None))))
     if width is not None and width < _WIDE:
         rows = [(*row[:4], *row[5:]) for row in rows]
@@ -221,11 +221,12 @@ class _Row(NamedTuple):
 
 
 def _rows(ablation: Ablation) -> Iterator[_Row]:
-    table = [[ablation.task.score(cost) for cost in step.costs] for step in ablation.steps]
+    task, possible = ablation.task, ablation.task.possible_scores
+    table = [[task.score(cost) for cost in step.costs] for step in ablation.steps]
     for step, own in zip(ablation.steps, table, strict=True):
         yield _Row(
             change=step.change or ablation.start,
-            scores=Scores(tuple(own)),
-            against_start=Scores(tuple(map(sub, own, table[0]))),
+            scores=Scores(tuple(own), possible),
+            against_start=Scores(tuple(map(sub, own, table[0])), possible.differences),
             p_value=step.p_value,
         )

@@ -40,11 +40,9 @@ def _score(facts: Facts, headline: Headline, comparison: WinnerComparison | None
     data = f'data-score="{scores.mean:.6g}" data-low="{low:.6g}" data-high="{high:.6g}" data-n="{len(scores.values)}"'
     raced = facts.scores(facts.best) if facts.best is not None else scores
     runs = f"{len(raced.values)} run{'s' * (len(raced.values) != 1)}"
-    optimistic = "optimistic, because it was chosen by them"
+    optimistic = "optimistic: it was chosen by these runs"
     words = (
-        f"In the race its mean is {number(raced.mean)} ({runs}): {optimistic}."
-        if headline.is_fresh
-        else f"This is {optimistic.replace('them', 'these runs')}."
+        f"In the race, {runs}: {number(raced.mean)} ({optimistic})." if headline.is_fresh else f"It is {optimistic}."
     )
     return Html(
         f'<p class="score" {data}><strong>{number(scores.mean)}</strong> '

@@ -120,10 +120,10 @@ def winner_lines(winner: int, view: RaceView, possible: ScoreRange) -> list[str]
     assert raced is not None  # noqa: S101
     first = f"Winner     configuration {winner}: score {headline.scores.mean:.4g}{possible.limit} {headline.where}"
     first += interval_words(headline.scores)
-    optimistic = "optimistic, because it was chosen by them"
+    optimistic = "optimistic: it was chosen by these runs"
     if not headline.is_fresh:
         return [first, f"           {optimistic}"]
-    return [first, f"           {raced.where}: {raced.scores.mean:.4g}, {optimistic}"]
+    return [first, f"           {raced.where}: {raced.scores.mean:.4g} ({optimistic})"]
 
 
 def interval_words(scores: Scores) -> str:

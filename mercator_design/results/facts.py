@@ -160,6 +160,11 @@ class Facts:
         return to_pfsm(self.record.configurations[configuration], self.start["flavour"])
 
     @property
+    def winner_file(self) -> str:
+        """The name of the winner's file."""
+        return TASKS[str(self.start["task"])].WINNER
+
+    @property
     def parts(self) -> str:
         """The word for the parts of a configuration: modules or parameters."""
         return "modules" if self.start["task"] == "mission" else "parameters"

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from mercator_design.designer import Designer
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
@@ -29,7 +28,7 @@ def answer(facts: Facts, comparison: WinnerComparison | None, traces: Sequence[T
     shown = _score(facts, facts.headline, comparison), _software(facts, facts.best, traces)
     has_file = facts.view.is_complete and facts.mission is not None
     return section(
-        "answer", name, *shown, command=facts.command("fsm", "show", file=Designer.WINNER) if has_file else ""
+        "answer", name, *shown, command=facts.command("fsm", "show", file=facts.winner_file) if has_file else ""
     )
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from mercator_design.designer import Designer
 from mercator_design.results.experiments.winner import WinnerRuns
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
@@ -29,5 +28,5 @@ def winner_at_work(facts: Facts, shown: WinnerRuns, replays: Sequence[Replay]) -
     about = f"The page would be too large with the {' and the '.join(left_out)} run, too." if left_out else ""
     assert facts.headline is not None  # noqa: S101 - there are runs of the winner
     where = note(f"Median, best and worst of its runs {facts.headline.where}.")
-    made = facts.command("replay", file=Designer.WINNER, options=["--seed", str(shown.runs[0].seed)])
+    made = facts.command("replay", file=facts.winner_file, options=["--seed", str(shown.runs[0].seed)])
     return section("replays", "The winner at work", where, Html(player), note(about) if about else "", command=made)

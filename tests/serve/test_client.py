@@ -80,7 +80,8 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     assert [events[0]["event"], events[-1]["event"]] == ["start", "end"]
     assert sum(event["event"] == "experiment" for event in events) == 60
     assert "iteration 1 ended" in progress
-    assert f"{job}: finished, 60 of 60 experiments, best " in progress
+    assert f"{job}: finished, 60 of 60 experiments, score " in progress
+    assert " on 30 fresh instances" in progress
     code, out, err = client("fetch", job)
     assert (code, out) == (0, "")
     assert client("runs", "verify", job)[0] == 0

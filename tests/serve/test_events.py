@@ -172,8 +172,8 @@ def test_each_change_is_reported_but_the_progress(quiet, at_once):
             quiet.show(job, in_job={"seconds": 3.0}, experiments=5, left=9.0)
             quiet.service.jobs.change(job, priority=7)
             priorities = [(await some(one, bool))[0][1]["priority"]]
-            quiet.service.index.change(job, tested=0.5, experiments=6)
-            return [*priorities, (await some(one, bool))[0][1]["tested"]]
+            quiet.service.index.change(job, best=0.5, experiments=6)
+            return [*priorities, (await some(one, bool))[0][1]["best"]]
 
     assert asyncio.run(run()) == [7, 0.5]
 

@@ -140,7 +140,10 @@ def test_the_page_of_a_job_over_its_life(quiet, ann, bob):
     while "x-again" in parts.headers:
         parts = ann.get(f"/jobs/{job}/race")
     assert "The winner" in parts.text
-    assert "What matters on" in parts.text
+    assert "What matters<" in parts.text
+    assert re.search(r"on 30 fresh instances, [-.\d]+ to [-.\d]+ at 95%", parts.text)
+    assert "on 30 fresh instances" in ann.get(f"/jobs/{job}/now").text
+    assert "on 30 fresh instances" in ann.get("/").text
     assert "not a run folder" not in parts.text
     assert '/files/fsm.txt" download="fsm.txt"' in ann.get(f"/jobs/{job}/now").text
     assert "<svg" in parts.text

@@ -32,8 +32,8 @@ from benchmarks.argos.correlations import Limits
 from benchmarks.argos.scores import Comparison, Judgement
 from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
 from mercator_design.errors import MercatorError
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.sim.robot_model import load_robot_model
 
@@ -345,7 +345,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="what a mission of the recordings is; may be repeated. Numbers of robots and seconds, range of proximity "
         "and velocity are still the recording's, if it says any",
     )
-    parser.add_argument("--flavour", choices=FLAVOURS, default=FLAVOURS[0], help="of the FSMs of all files")
+    parser.add_argument(
+        "--flavour", choices=flavour_names(), default=flavour_names()[0], help="of the FSMs of all files"
+    )
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw figures there")
     given = parser.parse_args(arguments)
     files = dict(given.mission)

@@ -17,6 +17,7 @@ from mercator_design.designer import Designer, flavour_space
 from mercator_design.fsm import Pfsm, parse
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.modules.architecture import Software
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.session.runner import RaceRun
@@ -56,10 +57,10 @@ def main() -> None:
             designer = Designer(simulator, budget=given.budget, seed=given.seed)
             result = RaceRun(designer, executor).finish()
 
-        def scores(pfsm: Pfsm, mission: Mission = mission) -> np.ndarray:
+        def scores(pfsm: Software, mission: Mission = mission) -> np.ndarray:
             return np.array(evaluate(mission, pfsm, seeds=seeds, jobs=jobs).scores.values)
 
-        winner = scores(designer.pfsm(result.configuration))
+        winner = scores(designer.software(result.configuration))
         others = np.array([scores(pfsm).mean() for pfsm in random_pfsms(given.random, given.seed)])
         hand_made = {label: scores(parse(text)).mean() for label, text in HAND_MADE.items()}
         sign = -mission.cost(1.0)  # +1 where more is better

@@ -34,8 +34,7 @@ from typing import Any, NamedTuple
 
 import pymunk
 
-from mercator_design.fsm import Controller, parse
-from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm import parse
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.perception import perceive, proximity_weight
@@ -44,6 +43,7 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
 from mercator_design.sim.simulate import Simulator
 from mercator_design.sim.world import World
+from mercator_design.software import Controller
 
 FSM = (
     "--nstates 4 --s0 0 --rwm0 20 --n0 2 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 3 --p0x1 2 --w0x1 5 --s1 1 "
@@ -129,7 +129,7 @@ def naive(world: World, fsm: Pfsm, seed: int) -> list[tuple[float, float]]:
                 ground,
                 (0, 0),
             )
-            wheels = controller.step(readings, [generator.random() for _ in range(DRAWS)])
+            wheels = controller.step(readings, [generator.random() for _ in range(controller.draws)])
             commands.append((wheels.left * scene.maximum_speed, wheels.right * scene.maximum_speed))
     return [(robot.body.position.x, robot.body.position.y) for robot in robots]
 

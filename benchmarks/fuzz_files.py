@@ -23,9 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from mercator_design.config import shipped
 from mercator_design.errors import FsmError, MissionError
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.missions.mission import parse_mission
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
 
@@ -140,7 +140,9 @@ def read_mission(number: int) -> str:
         simulator.instance(0)
         doubtful = [
             *simulator.warnings,
-            *no_effect_warnings(mission, simulator.robot_model, FLAVOURS[number // _DEEPLY % len(FLAVOURS)]),
+            *no_effect_warnings(
+                mission, simulator.robot_model, flavour_names()[number // _DEEPLY % len(flavour_names())]
+            ),
         ]
     except MissionError as error:
         _check_places(error)
@@ -193,9 +195,9 @@ def _texts() -> list[str]:
 
 def read_fsm(number: int) -> str:
     """What came of a fuzzed FSM text, in words; what can be read means the same when it is written and read again."""
-    text, flavour = fuzzed_fsm(number), FLAVOURS[number % len(FLAVOURS)]
+    text, flavour = fuzzed_fsm(number), flavour_names()[number % len(flavour_names())]
     warnings: list[str] = []
-    is_lenient = bool(number // len(FLAVOURS) % 2)
+    is_lenient = bool(number // len(flavour_names()) % 2)
     try:
         pfsm = parse(text, flavour, tolerate=warnings.append if is_lenient else None)
     except FsmError as error:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.twin_stepped import Stepped, settings_of
-from mercator_design.fsm import Readings, Wheels
+from mercator_design.fsm import Actions, Readings, drive
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.robot.devices.samples import heading
@@ -105,7 +105,7 @@ class Moment(NamedTuple):
     ages: dict[str, float]
 
 
-def driven(world: World, wheels: Sequence[Wheels], seconds: float) -> Iterator[Moment]:
+def driven(world: World, wheels: Sequence[Actions], seconds: float) -> Iterator[Moment]:
     """Drive each robot with wheels of its own, fractions of full speed."""
     begins = world.robots.now
     for cycle in range(round(seconds / PERIOD)):
@@ -148,7 +148,7 @@ def angles_off(moments: Iterable[Moment], least: float = 0.02) -> list[float]:
     return found
 
 
-def moved(wheels: Callable[[int], Wheels], cycles: int) -> tuple[Floats, Floats]:
+def moved(wheels: Callable[[int], Actions], cycles: int) -> tuple[Floats, Floats]:
     """Where the same commands lead a robot (cycles, 3): in the simulator, and on the twin."""
     at_rest: Sequence[Pose] = [(0.0, 0.0, 0.0)]
     instance, world = Simulator(mission(at_rest), MERCATOR).instance(1), World(at_rest)
@@ -157,7 +157,7 @@ def moved(wheels: Callable[[int], Wheels], cycles: int) -> tuple[Floats, Floats]
     begins = world.robots.now
     for cycle in range(cycles):
         swarm.poses[:, 3], swarm.poses[:, 4] = np.cos(swarm.poses[:, 2]), np.sin(swarm.poses[:, 2])
-        swarm.commands[:] = SPEED * np.array(wheels(cycle))
+        swarm.commands[:] = SPEED * np.array(wheels(cycle)[:2])
         referee.move()
         simulated.append(swarm.poses[0, :3].copy())
         world.robots.robots[0].drive(wheels(cycle), SPEED, world.robots.now)
@@ -192,9 +192,9 @@ def _neighbours(scene: str, poses: Sequence[Pose], height: float = 0.08) -> None
 def _moving() -> None:
     columns = ("robot", "direction of obstacles: median, most", "in front: same", "neighbours: same", "bearing, most")
     print(f"\n| {' | '.join(columns)} |\n{len(columns) * '|---'}|")
-    spin, curve = [Wheels(-1.0, 1.0)], [Wheels(-0.5, 0.6)]
+    spin, curve = [drive(-1.0, 1.0)], [drive(-0.5, 0.6)]
     wall, others = [(HALF - 0.33, 0.0, 0.0)], [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (-0.3, 0.45, 0.0), (0.2, -0.6, 0.0)]
-    rest, circles = Wheels(0.0, 0.0), [Wheels(0.5, 1.0), Wheels(1.0, 0.4), Wheels(0.8, 1.0)]
+    rest, circles = drive(0.0, 0.0), [drive(0.5, 1.0), drive(1.0, 0.4), drive(0.8, 1.0)]
     for name, poses, wheels, senses in (
         ("spins by a wall, not told", wall, spin, Unturned),
         ("spins by a wall", wall, spin, Senses),
@@ -224,22 +224,22 @@ def in_front(readings: Readings) -> bool:
 
 def _way() -> None:
     print("\n| towards a wall at full speed: distance | simulator | robot |\n|---|---|---|")
-    for moment in [*driven(World([(HALF - 1.1, 0.0, 0.0)]), [Wheels(1.0, 1.0)], 3.0)][-7:]:
+    for moment in [*driven(World([(HALF - 1.1, 0.0, 0.0)]), [drive(1.0, 1.0)], 3.0)][-7:]:
         sizes = [f"{obstacle(readings)[0]:.3f}" for readings in (moment.simulated, moment.perceived)]
         print(f"| {HALF - BODY - moment.pose[0]:.3f} m | {' | '.join(sizes)} |")
     print("\n| border crossed at full speed, sensor beyond it by | simulator | robot |\n|---|---|---|")
-    for moment in driven(World([(-0.5, 0.0, 0.0)]), [Wheels(1.0, 1.0)], 2.0):
+    for moment in driven(World([(-0.5, 0.0, 0.0)]), [drive(1.0, 1.0)], 2.0):
         beyond = moment.pose[0] + 0.05
         if abs(beyond) < 0.045:
             colours = [f"{readings.ground_red:g}" for readings in (moment.simulated, moment.perceived)]
             print(f"| {100.0 * beyond:+.1f} cm | {' | '.join(colours)} |")
     print("\n| the same commands | apart after 0.1, 1, 2, 3 s |\n|---|---|")
     for name, wheels in {
-        "straight on": lambda _: Wheels(1.0, 1.0),
-        "a curve, 0.2 and 1": lambda _: Wheels(0.2, 1.0),
-        "a curve, 0.7 and 1": lambda _: Wheels(0.7, 1.0),
-        "on the spot": lambda _: Wheels(-1.0, 1.0),
-        "0.3 s on the spot, 0.7 s straight on": lambda c: Wheels(-1.0, 1.0) if c % 10 < 3 else Wheels(1.0, 1.0),
+        "straight on": lambda _: drive(1.0, 1.0),
+        "a curve, 0.2 and 1": lambda _: drive(0.2, 1.0),
+        "a curve, 0.7 and 1": lambda _: drive(0.7, 1.0),
+        "on the spot": lambda _: drive(-1.0, 1.0),
+        "0.3 s on the spot, 0.7 s straight on": lambda c: drive(-1.0, 1.0) if c % 10 < 3 else drive(1.0, 1.0),
     }.items():
         apart = np.abs(np.subtract(*moved(wheels, 30)))[[0, 9, 19, 29]]
         cells = [f"{1000.0 * math.hypot(x, y):.0f} mm {math.degrees(turn):.1f}°" for x, y, turn in apart]

@@ -39,7 +39,6 @@ from benchmarks.two_samples import POWER, mann_whitney, visible_shift
 from mercator_design.api import evaluate
 from mercator_design.designer import Designer
 from mercator_design.fsm import Pfsm, parse
-from mercator_design.fsm.files import fsm_file_text
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
 from mercator_design.race.elimination.statistics import holm
@@ -49,6 +48,7 @@ from mercator_design.robot.logs.log import read
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import fsm_file_text
 from mercator_design.system.files import write_text
 from mercator_design.twin.arena import TwinArena
 

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +24,18 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from benchmarks.twin_runs import EARLY, Plan, Track, log_of_twin, play
 from mercator_design.config.colours import COLOURS
-from mercator_design.fsm.control import MEMORY, STATE, control_cycle
+from mercator_design.fsm.control import STATE, control_cycle
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.perception import perceive, proximity_weight
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read
 from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
-from mercator_design.sim.simulate import Simulator, program_arrays
+from mercator_design.sim.simulate import Simulator, tables_of
 from mercator_design.twin.arena import without_noise
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -85,17 +85,18 @@ class Decisions(NamedTuple):
 def decisions(log: Path) -> Decisions:
     """What the simulator's compiled control cycle makes of the readings and draws of a log."""
     start, *events = read(log)
-    pfsm, _ = controller_of(start)
     assert isinstance(start, RunStarted)  # noqa: S101
-    program, model = program_arrays(pfsm), start.reference_model
-    memory: Any = np.zeros(MEMORY)
+    tables, model = tables_of(controller_of(start).software), start.reference_model
+    memory, actions = np.zeros(tables.memory), np.zeros(ACTIONS)
     cycles = [event for event in events if isinstance(event, CycleDone)]
     states = wheels = changes = 0
     for event in cycles:
         was = int(memory[STATE])
-        found = compiled(control_cycle)(model, program, Readings(*event.readings), memory, np.array(event.draws))
+        compiled(control_cycle)(
+            model, tables.program, Readings(*event.readings), memory, np.array(event.draws), actions
+        )
         states += (was, int(memory[STATE])) == (event.state, event.next_state)
-        wheels += tuple(found) == event.wheels
+        wheels += tuple(actions[:2]) == event.wheels
         changes += event.state != event.next_state
     return Decisions(len(cycles), states, wheels, changes)
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from mercator_design.fsm import Controller, Pfsm, Readings, Wheels
-from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm import Actions, Pfsm, Readings
 from mercator_design.robot.devices.ports import DeviceName
 from mercator_design.robot.devices.samples import STREAMED
 from mercator_design.robot.devices.settings import Limits, RvrSettings, Settings, control_period_of
@@ -24,6 +23,7 @@ from mercator_design.robot.protocols import multiflex, rvr, ydlidar
 from mercator_design.robot.protocols.rvr_streaming import streaming
 from mercator_design.robot.run.senses import Senses, why_device_is_needed
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.software import Controller
 from mercator_design.twin.arena import TwinArena, dark_limit
 from mercator_design.twin.twin import Twin
 
@@ -85,7 +85,7 @@ class SteppedRobot:
             came, data = self._line.pop(0)
             self._take("rvr", data, came)
 
-    def drive(self, wheels: Wheels, speed: float, now: float) -> None:
+    def drive(self, wheels: Actions, speed: float, now: float) -> None:
         """Turn the treads, at fractions of a speed [m/s]."""
         self.tell(now, "drive_tank_si_units", left_velocity=speed * wheels.left, right_velocity=speed * wheels.right)
 
@@ -175,7 +175,7 @@ def stepped_run(
         poses.append(arena.poses.copy())
         for after, number in order:
             world.until(begins + cycle * period + after)
-            draws = [random[number].random() for _ in range(DRAWS)]
+            draws = [random[number].random() for _ in range(pfsm.draws)]
             readings, robot = world.readings(number), world.robots[number]
             robot.drive(controllers[number].step(readings, draws), speed, world.now)
             states[cycle, number] = controllers[number].state

@@ -30,7 +30,7 @@ _PLACES = {
     "load_robot_model": "sim.robot_model:load_robot_model",
     "parse_fsm": "fsm.text:parse",
     "race": "race",
-    "read_fsm": "fsm.files:read_fsm",
+    "read_fsm": "software.files:read_fsm",
     "simulate": "api:simulate",
 }
 """Name -> module and the name there; or a package."""
@@ -38,7 +38,7 @@ _PLACES = {
 _DRAWN = (
     "api:DesignRun",
     "results.analysis.evaluation:Evaluation",
-    "fsm.files:FsmFile",
+    "software.files:FsmFile",
     "fsm.pfsm:Pfsm",
     "missions.mission:Mission",
     "missions.trace:Trace",

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, get_args
 from mercator_design.config.schema import one_of
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, SimulationError, excerpt
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
@@ -41,7 +42,7 @@ class SimulatedTrace(Trace):
     """The trace of an experiment that can be shown."""
 
     simulator: Simulator
-    pfsm: Pfsm
+    pfsm: Software
     seed: int
 
     def __repr__(self) -> str:
@@ -56,7 +57,7 @@ class SimulatedTrace(Trace):
 
 
 def simulate(
-    mission: Mission, pfsm: Pfsm, *, seed: int = 1, robot_model: RobotModel | None = None, record: bool = False
+    mission: Mission, pfsm: Software, *, seed: int = 1, robot_model: RobotModel | None = None, record: bool = False
 ) -> SimulatedTrace:
     """Run one experiment; `mission.objective(trace)` is its score, and `trace.replay()` shows it.
 
@@ -92,7 +93,7 @@ def fresh_instances(seed: int = 1, runs: int = 100) -> list[int]:
 
 def evaluate(
     mission: Mission,
-    pfsm: Pfsm,
+    pfsm: Software,
     *,
     seeds: Iterable[int] | None = None,
     robot_model: RobotModel | None = None,
@@ -129,7 +130,7 @@ def evaluate(
     return Evaluation(scores=Scores(tuple(scores), mission.possible_scores()), seeds=seeds)
 
 
-class DesignRun(RaceRun[tuple[Pfsm, int]]):
+class DesignRun(RaceRun[tuple[Software, int]]):
     """A running race for control software: an iterator of its events, with `result` and `pfsm`.
 
     Args:
@@ -190,13 +191,13 @@ class DesignRun(RaceRun[tuple[Pfsm, int]]):
         return self._result is not None
 
     @property
-    def pfsm(self) -> Pfsm:
-        """The winner.
+    def pfsm(self) -> Software:
+        """The winner, of flavours of PFSMs a `Pfsm`.
 
         Raises:
             RaceError: The race has not come to its end yet.
         """
-        return self.designer.pfsm(self.result.configuration)
+        return self.designer.software(self.result.configuration)
 
 
 def design(
@@ -233,7 +234,7 @@ def design(
             `jobs` or `test_runs` is too small.
         SimulationError: `seed` is negative.
     """
-    _check_choice("flavour", flavour, FLAVOURS)
+    _check_choice("flavour", flavour, flavour_names())
     _check_choice("method", method, METHODS)
     _check_choice("on_failure", on_failure, get_args(OnFailure))
     _check_minimum("seed", seed, 0)

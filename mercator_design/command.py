@@ -18,17 +18,31 @@ import click
 
 from mercator_design.config import spelling
 from mercator_design.errors import ITEM, FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
-from mercator_design.fsm.files import FsmFile, read_fsm, read_fsms
-from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.modules.flavour import load_flavour
+from mercator_design.software.files import FsmFile, read_fsm, read_fsms
 from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
 
 FILE = click.Path(path_type=Path, readable=False)  # the reader of the file reports errors
 
+
+class FlavourName(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.2 on
+    """A flavour: a name, or a file, whose flavour then has its name."""
+
+    name = "flavour"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ANN401
+        try:
+            return load_flavour(str(value)).name
+        except MercatorError as error:
+            return self.fail(str(error), param, ctx)
+
+
 FLAVOUR = click.option(
     "--flavour",
-    type=click.Choice(FLAVOURS),
+    type=FlavourName(),
+    metavar="NAME|FILE.yaml",
     help="Flavour of the module numbers in FSM.  [default: that of its header, else watermelon]",
 )
 LENIENT = click.option(

@@ -12,25 +12,18 @@ import socket
 from collections.abc import Callable, Generator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
-from mercator_design.config.schema import OneOf
 from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import RaceError, SimulationError, excerpt
-from mercator_design.fsm.digest import control_digest
-from mercator_design.fsm.files import fsm_file_text, read_fsm
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
-from mercator_design.fsm.space.grammar import GrammarParameter, parameters_of, to_pfsm
-from mercator_design.fsm.space.structure import PfsmStructure
-from mercator_design.fsm.text import to_text
 from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.plugin_files import Plugin
 from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import numbered
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
+from mercator_design.modules.grammar import GrammarParameter
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
 from mercator_design.race.irace.parameters import parameters_text
@@ -43,11 +36,14 @@ from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Outcome, Simulator
+from mercator_design.software.architectures import architecture_of, decoded, text_of
+from mercator_design.software.digest import control_digest
+from mercator_design.software.files import fsm_file_text, read_fsm
 from mercator_design.system.files import write_text
 
 TEST_SEED = 1
 """The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
-MAX_PFSMS = 1000
+MAX_SOFTWARE = 1000
 """Largest number of PFSMs that are kept: more than run at a time."""
 
 
@@ -58,12 +54,12 @@ class Experimenter:
         self.simulator = simulator
         self._kernels = kernels_digest()  # computed now, because files may be edited later
 
-    def __call__(self, item: tuple[Pfsm, int]) -> Measurement:
+    def __call__(self, item: tuple[Software, int]) -> Measurement:
         """The score, and a digest of the final poses and states of all robots."""
-        pfsm, seed = item
-        return _measured(self.simulator.run(pfsm, seed))
+        software, seed = item
+        return _measured(self.simulator.run(software, seed))
 
-    def in_steps(self, item: tuple[Pfsm, int]) -> Generator[None, None, Measurement]:
+    def in_steps(self, item: tuple[Software, int]) -> Generator[None, None, Measurement]:
         """The same in three steps, of which the second is the compiled loop (`Stepped`)."""
         prepared = self.simulator.prepare(*item)
         yield
@@ -100,7 +96,7 @@ def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Expe
     return Experimenter(Simulator(mission, robot_model))
 
 
-class Designer(Task[tuple[Pfsm, int]]):
+class Designer(Task[tuple[Software, int]]):
     """Designs control software for the mission of a simulator, by a race over all PFSMs of a flavour.
 
     Args:
@@ -118,17 +114,22 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     WINNER = "fsm.txt"
     START: ClassVar = {
-        "flavour": Annotated[str, OneOf(FLAVOURS)],
+        "flavour": str,
         "robot_model": str,
         "plugins": Mapping[str, str],
     }
 
     def __init__(
-        self, simulator: Simulator, *, budget: int, seed: int, flavour: str = "watermelon", method: str = DEFAULT_METHOD
+        self,
+        simulator: Simulator,
+        *,
+        budget: int,
+        seed: int,
+        flavour: str = DEFAULT_FLAVOUR,
+        method: str = DEFAULT_METHOD,
     ) -> None:
-        for table in (BEHAVIOURS, CONDITIONS):
-            for module in numbered(table, flavour).values():
-                simulator.check_module(module, flavour)
+        for module in flavour_of(flavour).modules:
+            simulator.check_module(module, flavour)
         simulator.refuse_impossible()
         self.simulator = simulator
         self.flavour = flavour
@@ -138,7 +139,9 @@ class Designer(Task[tuple[Pfsm, int]]):
         self.possible_scores = simulator.mission.possible_scores()
         self.function = Experimenter(simulator)
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
-        self._pfsms: dict[int, tuple[Configuration, Pfsm]] = {}  # by number, which may have been a wrong prediction
+        self._software: dict[
+            int, tuple[Configuration, Software]
+        ] = {}  # by number, which may have been a wrong prediction
 
     @classmethod
     def restore(cls, folder: Path, start: Start) -> Self:
@@ -189,15 +192,15 @@ class Designer(Task[tuple[Pfsm, int]]):
 
     def prepare(self, announce: Callable[[str], None]) -> None:
         """As `Task.prepare`: compile the simulator."""
-        self.simulator.rehearse(announce=announce)
+        self.simulator.rehearse(announce=announce, flavour=self.flavour)
 
-    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Pfsm, int]:
+    def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Software, int]:
         number, instance = experiment
-        known = self._pfsms.get(number)
+        known = self._software.get(number)
         if known is None or known[0] is not configuration:
-            if len(self._pfsms) == MAX_PFSMS:
-                self._pfsms.clear()
-            known = self._pfsms[number] = configuration, to_pfsm(configuration, self.flavour)
+            if len(self._software) == MAX_SOFTWARE:
+                self._software.clear()
+            known = self._software[number] = configuration, decoded(configuration, self.flavour)
         return known[1], self.test_seed(instance) if test else self.seed(instance)
 
     def test_seed(self, instance: int) -> int:
@@ -210,23 +213,23 @@ class Designer(Task[tuple[Pfsm, int]]):
     def score(self, cost: float) -> float:
         return self.simulator.mission.score(cost)
 
-    def pfsm(self, configuration: int) -> Pfsm:
-        """The PFSM of a configuration of the race."""
-        return to_pfsm(self.optimizer.configurations[configuration], self.flavour)
+    def software(self, configuration: int) -> Software:
+        """The control software of a configuration of the race."""
+        return decoded(self.optimizer.configurations[configuration], self.flavour)
 
     def winner_text(self, result: RaceResult, header: Mapping[str, str]) -> str:
         """As `Task.winner_text`: an fsm.txt."""
-        return fsm_file_text(self.pfsm(result.configuration), header)
+        return fsm_file_text(self.software(result.configuration), header)
 
     def is_winner(self, file: Path, configuration: Configuration) -> bool:
-        return read_fsm(file).pfsm == to_pfsm(configuration, self.flavour)
+        return bool(read_fsm(file).software == decoded(configuration, self.flavour))
 
     def command_of_failed(self, one: ExperimentDone | TestDone, folder: Path, header: Mapping[str, str]) -> str:
         """As `Task.command_of_failed`: mdesign evaluate, with an fsm.txt in the subfolder failed."""
         file = folder / "failed" / f"{one.configuration}.txt"
         file.parent.mkdir(exist_ok=True)
         header = {**header, "configuration": str(one.configuration)}
-        write_text(file, fsm_file_text(self.pfsm(one.configuration), header))
+        write_text(file, fsm_file_text(self.software(one.configuration), header))
         words = ["mdesign", "evaluate", str(file), "--mission", str(folder / "mission.yaml")]
         for name in loaded_plugins():
             words += ["--plugin", str(folder / "plugins" / name)]
@@ -251,7 +254,9 @@ class Designer(Task[tuple[Pfsm, int]]):
     @staticmethod
     def columns(start: Start, configurations: Sequence[Configuration]) -> dict[str, list[Any]]:
         """As `Task.columns`: the column fsm."""
-        return {"fsm": [to_text(to_pfsm(configuration, start["flavour"])) for configuration in configurations]}
+        return {
+            "fsm": [text_of(architecture_of(start["flavour"]).decode(one, start["flavour"])) for one in configurations]
+        }
 
     @staticmethod
     def check(start: Start, configurations: Sequence[Configuration]) -> None:
@@ -283,14 +288,14 @@ def header_of(simulator: Simulator) -> dict[str, str]:
 
 
 def mission_space(simulator: Simulator, flavour: str) -> Space:
-    """All PFSMs of a flavour, for races on a mission."""
+    """All control software of a flavour, for races on a mission."""
     usable, fires = (partial(one, simulator.mission, simulator.robot_model) for one in (is_of_use, can_fire))
-    return flavour_space(flavour, PfsmStructure(flavour, usable, fires))
+    return flavour_space(flavour, architecture_of(flavour).structure(flavour, usable, fires))
 
 
 def flavour_space(flavour: str, structure: Structure | None = None) -> Space:
-    """All PFSMs of a flavour."""
-    return Space(map(_parameter, parameters_of(flavour)), structure=structure)
+    """All control software of a flavour."""
+    return Space(map(_parameter, architecture_of(flavour).parameters(flavour)), structure=structure)
 
 
 def _parameter(one: GrammarParameter) -> Parameter:

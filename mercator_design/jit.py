@@ -64,14 +64,33 @@ def dispatcher(functions: Iterable[Callable[..., R]]) -> Callable[..., R]:
     return jittable(call)
 
 
-def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -> Callable[..., None]:
+def type_dispatcher(functions: Mapping[type, Callable[..., R]], argument: int) -> Callable[..., R]:
+    """A kernel `call(*arguments)` that calls the function for the type of one argument, a named tuple.
+
+    Args:
+        functions: The functions by type.
+        argument: The number of the argument.
+    """
+    table = dict(functions)
+
+    def call(*arguments: Any) -> R:
+        return table[type(arguments[argument])](*arguments)
+
+    call.links = tuple(table.values())  # type: ignore[attr-defined]
+    call.by_type = table, argument  # type: ignore[attr-defined]
+    return jittable(call)
+
+
+def open_dispatcher(name: str, functions: list[Callable[..., None]], like: Sequence[Any]) -> Callable[..., None]:
     """As `dispatcher`; functions may be added to the list at any time.
 
     These are compiled apart, and not a part of the code that calls them.
 
     Args:
+        name: The name of the dispatcher, which no other has.
         functions: The functions.
-        like: Arguments of the types with which compiled code calls the added ones; arrays may have any layout.
+        like: Arguments of the types with which compiled code calls the added ones; arrays, or memory views instead,
+            may have any layout.
     """
     links = tuple(functions)
 
@@ -79,24 +98,32 @@ def open_dispatcher(functions: list[Callable[..., None]], like: Sequence[Any]) -
         functions[which](*arguments)
 
     call.links = links  # type: ignore[attr-defined]
-    call.added = _Added(functions, len(links), like)  # type: ignore[attr-defined]
+    call.added = _Added(name, functions, len(links), like)  # type: ignore[attr-defined]
     return jittable(call)
 
 
 class _Added:
     """The functions that were added to those of an open dispatcher."""
 
-    def __init__(self, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
-        self._functions, self._first, self.like = functions, first, like
+    def __init__(self, name: str, functions: list[Callable[..., None]], first: int, like: Sequence[Any]) -> None:
+        self._name = name
+        self._functions, self._first, self._like = functions, first, like
         self._linked: list[Callable[..., None]] | None = None  # None until the table is made
         self._made: dict[Callable[..., None], tuple[_Entry, int]] = {}  # with addresses, asked for once
         self._failed: dict[Callable[..., None], CompilationError] = {}
         self._linking = threading.Lock()  # not _lock, for which a thread that compiles waits
 
     @functools.cached_property
+    def like(self) -> tuple[Any, ...]:
+        """Arguments of the types with which compiled code calls them."""
+        import numpy as np
+
+        return tuple(np.asarray(one) if isinstance(one, memoryview) else one for one in self._like)
+
+    @functools.cached_property
     def table(self) -> linking.LinkTable:
-        """Their addresses; there is one table, as there is one open dispatcher. Only while _lock is held."""
-        return linking.LinkTable("mercator_design_added")
+        """Their addresses. Only while _lock is held."""
+        return linking.LinkTable(f"mercator_design_{self._name}")
 
     def link(self) -> None:
         """Compile those that are not compiled yet, and enter their addresses; needed before code that may call them."""

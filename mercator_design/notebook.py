@@ -8,7 +8,6 @@ import base64
 from functools import singledispatch
 
 from mercator_design.api import DesignRun, SimulatedTrace
-from mercator_design.fsm.files import FsmFile
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
@@ -19,8 +18,10 @@ from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.results.experiments.preview import preview_of
 from mercator_design.show.charts import STYLE, Axis, Dot, interval_chart
 from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.machines.picture import software_svg
 from mercator_design.show.markup import escaped
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import FsmFile
 
 _SEED = 1  # of the instance in the picture of a mission
 _MAX_DOTS = 1000  # single scores in a chart
@@ -92,7 +93,7 @@ def _result(result: RaceResult) -> str:
 @html_of.register
 def _run(run: DesignRun) -> str:
     line = html_of.dispatch(object)(run)
-    return line + _chart(run.result.scores) + diagram_svg(run.pfsm) if run.has_ended else line
+    return line + _chart(run.result.scores) + software_svg(run.pfsm) if run.has_ended else line
 
 
 def _chart(scores: Scores) -> str:

@@ -22,13 +22,14 @@ from jsonschema import Draft202012Validator
 from mercator_design.cli import VERBS, cli
 from mercator_design.cli import record as cli_record
 from mercator_design.config import shipped
-from mercator_design.fsm import parse, read_fsm
+from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission, parse_mission
 from mercator_design.race.session.journal import read
 from mercator_design.results import folder as run_folder
 from mercator_design.show.text.missions import missions_table
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software import read_fsm
 
 # Experiments of two robots for three seconds, so that a race of a hundred takes a moment.
 QUICK = ["--set", "robots=2", "--set", "duration=3"]

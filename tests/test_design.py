@@ -4,7 +4,6 @@ import pytest
 
 from mercator_design import designer
 from mercator_design.designer import Designer
-from mercator_design.fsm.digest import FILES, control_digest
 from mercator_design.jit import marked
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.reference import ReferenceModel
@@ -16,6 +15,7 @@ from mercator_design.seeds import MAX_SEED, instance_seed
 from mercator_design.show.text.columns import difference
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.digest import FILES, control_digest
 
 
 def test_scores_sum_up():

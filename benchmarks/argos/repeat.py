@@ -19,23 +19,23 @@ import numpy as np
 
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import Pfsm
-from mercator_design.fsm.control import CYCLES, DRAWS, STATE, control_cycle
-from mercator_design.fsm.pfsm import MAX_TRANSITIONS, Program
+from mercator_design.fsm.control import CYCLES, STATE, control_cycle
+from mercator_design.fsm.pfsm import MEMORY, Program
 from mercator_design.jit import compiled, jittable
 from mercator_design.missions.floor import Tiles
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.modules.behaviours import BEHAVIOURS, TURN_CYCLES
-from mercator_design.modules.conditions import CONDITIONS, probability
-from mercator_design.modules.module import MAX_PARAMETERS
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.behaviours import TURN_CYCLES
+from mercator_design.modules.conditions import probability
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
+from mercator_design.modules.reference import SCRATCH, Readings, ReferenceModel
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
-from mercator_design.sim.kernels.swarm import History, Swarm, new_history
+from mercator_design.sim.kernels.swarm import History, Swarm, controlled, new_history
 from mercator_design.sim.placing import first_free
-from mercator_design.sim.simulate import Simulator, program_arrays
+from mercator_design.sim.simulate import Simulator, tables_of
 
 HIGHEST = 2**32 - 1  # of a Mersenne Twister
 RADIUS = 1.2  # [m] of the disc where robots start
@@ -48,8 +48,11 @@ TILES = [
 ]
 TILE_COLOURS = ((0.0, 255.0, 0.0), (255.0, 0.0, 0.0), (255.0, 255.0, 0.0))
 
-_EXPLORATION = [module.name for module in BEHAVIOURS].index("exploration")
-_LOOKS_FIRST = sum(1 << k for k, module in enumerate(CONDITIONS) if module.name.split()[-1] in {"floor", "colour"})
+MAX_TRANSITIONS = 4  # of a state in the original's grammar
+_EXPLORATION = BEHAVIOURS["exploration"].position
+_LOOKS_FIRST = sum(
+    1 << k for k, module in enumerate(CONDITIONS.values()) if module.name.split()[-1] in {"floor", "colour"}
+)
 
 
 def twister(seed: int) -> np.random.MT19937:
@@ -127,6 +130,7 @@ def draw(
     stream: np.ndarray,
     shuffles: np.ndarray,
     place: np.ndarray,
+    certain: np.ndarray,
 ) -> None:
     """Set `swarm.draws` such that `control_cycle` decides with the original's numbers.
 
@@ -135,14 +139,15 @@ def draw(
         stream: (robots, numbers) of the robots' twisters.
         shuffles: (numbers,) of rand().
         place: (robots + 1,) how many are used of each robot's, and of rand()'s; changed in place.
+        certain: (parameters,) scratch.
     """
     state = int(swarm.memory[i, STATE])
-    if program.behaviours[state] == _EXPLORATION and swarm.memory[i, TURN_CYCLES] <= 0.0:
+    if program.behaviours.modules[state] == _EXPLORATION and swarm.memory[i, MEMORY + TURN_CYCLES] <= 0.0:
         x, y = readings.proximity_x, readings.proximity_y
         if x >= 0.0 and math.sqrt(x * x + y * y) >= model.obstacle_threshold:
             swarm.draws[0] = stream[i, place[i]] / HIGHEST
             place[i] += 1
-    n = program.transitions[state]
+    n = program.transitions[state + 1] - program.transitions[state]
     if swarm.memory[i, CYCLES] == 0.0:
         for k in range(n):
             order[i, k] = k
@@ -157,12 +162,16 @@ def draw(
             if order[i, j] < order[i, k]:
                 ahead += 1
         swarm.draws[1 + 2 * k] = (ahead + 0.5) / (n - k)
-        edge = MAX_TRANSITIONS * state + order[i, k]
-        condition, first = program.conditions[edge], MAX_PARAMETERS * edge
-        parameters = (program.condition_parameters[first], program.condition_parameters[first + 1])
+        edge, tested = program.transitions[state] + order[i, k], program.conditions
+        parameters, found = tested.parameters[tested.starts[edge] : tested.starts[edge + 1]], swarm.actions[i, SCRATCH:]
+        probability(tested.modules[edge], model, readings, parameters, swarm.memory[i], found)
+        p = found[0]
         fires = False
-        if not _LOOKS_FIRST >> condition & 1 or probability(condition, model, readings, (1.0, parameters[1])) > 0.0:
-            p = probability(condition, model, readings, parameters)
+        # The original draws where the ground is as it should be, also if the probability there is 0.
+        certain[: len(parameters)] = parameters
+        certain[0] = 1.0
+        probability(tested.modules[edge], model, readings, certain[: len(parameters)], swarm.memory[i], found)
+        if not _LOOKS_FIRST >> tested.modules[edge] & 1 or found[0] > 0.0:
             fires = stream[i, place[i]] < p * HIGHEST
             place[i] += 1
         swarm.draws[2 + 2 * k] = -1.0 if fires else 2.0  # below, or above, every probability
@@ -182,6 +191,7 @@ def rerun(
     stream: np.ndarray,
     shuffles: np.ndarray,
     place: np.ndarray,
+    certain: np.ndarray,
 ) -> None:
     """`kernel.experiment` with the original's draws."""
     kernel.note_poses(swarm, history, 0)
@@ -190,8 +200,9 @@ def rerun(
         kernel.note_poses(swarm, history, cycle + 1)
         for i in range(len(swarm.poses)):
             readings = sense(scene, model, swarm, cycle, i, kernel.EVERYTHING)
-            draw(model, program, readings, swarm, i, order, stream, shuffles, place)
-            wheels = control_cycle(model, program, readings, swarm.memory[i], swarm.draws)
+            draw(model, program, readings, swarm, i, order, stream, shuffles, place, certain)
+            wheels = swarm.actions[i]
+            control_cycle(model, program, readings, swarm.memory[i], swarm.draws, wheels)
             history.states[cycle, i] = int(swarm.memory[i, STATE])
             for side in range(2):
                 swarm.commands[i, side] = wheels[side] * scene.maximum_speed
@@ -217,16 +228,19 @@ class Original:
         mission, model = self.mission, self._simulator.robot_model
         instance = self._simulator.instance(0)
         robots, loop = twisters(seed, mission.robots)
-        scene, swarm = instance.scene, instance.swarm
+        tables, scene = tables_of(pfsm), instance.scene
+        swarm = controlled(instance.swarm, memory=tables.memory, draws=tables.draws)
         set_scene(mission, scene, swarm, loop)
-        history = new_history(mission.cycles, mission.robots, everything=True)
-        stream = np.array([robot.random_raw(mission.cycles * DRAWS // 2 + mission.cycles) for robot in robots], float)
+        history = new_history(mission.cycles, mission.robots, everything=True, draws=tables.draws)
+        stream = np.array(
+            [robot.random_raw(mission.cycles * tables.draws // 2 + mission.cycles) for robot in robots], float
+        )
         space = Space(scene.physics, mission.robots)
         order = np.zeros((mission.robots, MAX_TRANSITIONS), dtype=np.int64)
         place = np.zeros(mission.robots + 1, dtype=np.int64)
         compiled(rerun)(
-            space.bridge, scene, model.reference_model, program_arrays(pfsm), swarm, history, order, stream,
-            self._shuffles, place,
+            space.bridge, scene, model.reference_model, tables.program, swarm, history, order, stream,
+            self._shuffles, place, np.zeros(6),
         )  # fmt: skip
         trace = Trace(
             poses=history.poses,

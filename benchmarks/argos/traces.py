@@ -15,7 +15,6 @@ from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipp
 from benchmarks.argos.repeat import set_scene, twisters
 from mercator_design.config.colours import rgb
 from mercator_design.fsm import Readings, parse
-from mercator_design.fsm.control import MEMORY
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Tiles
 from mercator_design.modules.behaviours import TURN_CYCLES, TURN_SIDE
@@ -333,7 +332,7 @@ def agreements(trace: Trace) -> dict[str, tuple[int, int]]:
         counts[name][0] += agreed
         counts[name][1] += 1
 
-    memory = [[0.0] * MEMORY for _ in range(trace.robots)]
+    memory = [[0.0] * 2 for _ in range(trace.robots)]
     for cycle, i, perceived in replay_perception(trace):
         readings = perceived.readings
         recorded = trace.proximity[cycle, i]
@@ -373,5 +372,5 @@ def same_wheels(trace: Trace, cycle: int, i: int, readings: Readings, memory: li
         ):
             turning += 1
         u = min(0.999999, (turning + 0.5) / max(1.0, state.parameters[0]))
-    wheels = state.module.function(trace.model, readings, (*state.parameters, 0.0), memory, u)
-    return bool(np.abs(np.array(wheels) * trace.top_speed - trace.commands[cycle, i]).max() < 2e-3)
+    wheels = state.module.function(trace.model, readings, memory, u, *state.parameters)
+    return bool(np.abs(np.array(wheels[:2]) * trace.top_speed - trace.commands[cycle, i]).max() < 2e-3)

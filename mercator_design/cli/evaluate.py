@@ -14,9 +14,10 @@ from mercator_design.cli.options import CONTROLLER, CSV, FSM, JOBS, JSON, MISSIO
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import print_note, print_result, read_controllers, warn
 from mercator_design.config.writing import digest_of
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.results.analysis.swarm import evaluate_with_stats
 from mercator_design.show.text.evaluations import (
     Comparison,
@@ -180,7 +181,7 @@ def _controllers(
     if fsm_config is not None:
         if given["mission"] is None:
             raise click.UsageError("--fsm-config needs --mission")
-        pfsm = parse(fsm_config, flavour or FLAVOURS[0], tolerate=warn if lenient else None)
+        pfsm = parse(fsm_config, flavour or DEFAULT_FLAVOUR, tolerate=warn if lenient else None)
         return {"fsm": pfsm}, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
     pfsms: dict[str, Pfsm] = {}
     simulator: Simulator | None = None

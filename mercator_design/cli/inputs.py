@@ -11,7 +11,6 @@ from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
-from mercator_design.fsm.files import FsmFile, read_fsms
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
@@ -20,6 +19,7 @@ from mercator_design.results.files import read_provenance
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import FsmFile, read_fsms
 
 
 def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:

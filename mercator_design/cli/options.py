@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import load_plugins
-from mercator_design.command import FILE, FLAVOUR, LENIENT, OutputFile
+from mercator_design.command import FILE, FLAVOUR, LENIENT, FlavourName, OutputFile
 from mercator_design.designer import Designer
-from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.show.text.progress import MODES
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -29,7 +29,12 @@ FSM = ControllerFile(path_type=Path, readable=False)  # the reader of the file r
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 CSV = click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
 DESIGN_FLAVOUR = click.option(
-    "--flavour", type=click.Choice(FLAVOURS), default="watermelon", show_default=True, help="Modules to design with."
+    "--flavour",
+    type=FlavourName(),
+    metavar="NAME|FILE.yaml",
+    default=DEFAULT_FLAVOUR,
+    show_default=True,
+    help="Modules to design with.",
 )
 SET = click.option(
     "--set",

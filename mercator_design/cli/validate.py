@@ -13,9 +13,9 @@ from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
 from mercator_design.errors import FsmError, MissionError, printable
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.plugins import is_ours
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
@@ -76,7 +76,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
         warn(*model_warnings(model), *swarm_warnings(mission, model), *floor_warnings(mission, model))
         if not all(map(is_ours, _functions(mission))):
             simulator.rehearse(print_note, min(mission.cycles, _TRIED))
-        dead = ", ".join(dead_conditions(mission, model, flavour or FLAVOURS[0]))
+        dead = ", ".join(dead_conditions(mission, model, flavour or DEFAULT_FLAVOUR))
         never = f"; never fires there: {dead}" if dead else ""
         return f"valid mission, {_count(mission.robots, 'robot')}, {mission.duration:g} s{never}"
     return _described(file, flavour, lenient)

@@ -79,6 +79,7 @@ def _pipeline() -> type:
 
 def register(function: Callable[..., Any]) -> None:
     """Let compiled code call a marked function."""
+    from numba import njit
     from numba.extending import intrinsic, overload, register_jitable
 
     if types_and_code := getattr(function, "intrinsic", None):
@@ -89,6 +90,21 @@ def register(function: Callable[..., Any]) -> None:
 
         _name(run, "intrinsic", (function,))
         overload(function, jit_options=options(), strict=False)(lambda *arguments: run)
+        return
+    if by_type := getattr(function, "by_type", None):
+        table, argument = by_type
+        kernels = {kind: njit(**options())(kernel) for kind, kernel in table.items()}
+
+        def chosen(*arguments: Any) -> Any:
+            kernel = kernels[arguments[argument].instance_class]
+
+            def run(*arguments: Any) -> Any:
+                return kernel(*arguments)
+
+            _name(run, "typed", (table[arguments[argument].instance_class],))
+            return run
+
+        overload(function, jit_options=options(), strict=False)(chosen)
         return
     links = getattr(function, "links", None)
     if links is None:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, Literal, TypeAlias
 
 from mercator_design.config import schema
-from mercator_design.config.schema import Ascending, FilePath, Kind, Length, Pattern, Range, Rule, Specification
+from mercator_design.config.schema import Ascending, FilePath, Kind, Length, OneOf, Pattern, Range, Rule, Specification
 from mercator_design.config.writing import plain
 
 Json: TypeAlias = dict[str, Any]
@@ -107,6 +107,8 @@ def _keywords(rule: Rule, type_: str | None) -> Json:
         what = {"array": "Items", "object": "Properties"}.get(type_ or "", "Length")
         low = {f"min{what}": rule.low} if rule.low > 0 else {}
         return low | ({f"max{what}": int(rule.high)} if rule.high < math.inf else {})
+    if isinstance(rule, OneOf):
+        return {"enum": [*rule.known]}
     if isinstance(rule, Pattern):
         return {"pattern": f"^(?:{rule.regex})$", "description": rule.meaning}
     if isinstance(rule, FilePath):

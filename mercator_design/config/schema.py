@@ -118,15 +118,19 @@ class Ascending:
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """A text is one of some words."""
+    """A text is one of some words, which a function returns where there may be more of them later."""
 
-    words: tuple[str, ...]
+    words: tuple[str, ...] | Callable[[], tuple[str, ...]]
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        return self.words() if callable(self.words) else self.words
 
     def allows(self, value: str) -> bool:
-        return value in self.words
+        return value in self.known
 
     def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
-        return one_of(list(self.words))
+        return one_of(list(self.known))
 
 
 @dataclass(frozen=True, slots=True)

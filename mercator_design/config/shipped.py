@@ -1,4 +1,4 @@
-"""The missions and robot models that come with the package, and the search for a file by name or path."""
+"""The missions, robot models and flavours that come with the package, and the search for a file by name or path."""
 
 import os
 from collections.abc import Mapping
@@ -19,6 +19,11 @@ def missions() -> dict[str, Path]:
 def robot_models() -> dict[str, Path]:
     """Name -> file of the shipped robot models, in the order of their names."""
     return _files(_folder() / "robots")
+
+
+def flavours() -> dict[str, Path]:
+    """Name -> file of the shipped flavours, in the order of their names."""
+    return _files(_folder() / "flavours")
 
 
 def find(name_or_path: str | Path, shipped: Mapping[str, Path], kind: str) -> Path:

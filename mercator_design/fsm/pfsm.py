@@ -1,40 +1,44 @@
 """The probabilistic finite-state machine: its structure, what makes it valid, and its tables for the kernels."""
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import MAX_PARAMETERS, Module, named, senses_bits
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, senses_bits
 from mercator_design.modules.perception import Row
 
-MAX_STATES = 4
-MAX_TRANSITIONS = 4
-"""The limits of AutoMoDe's grammar: states a PFSM, outgoing transitions a state."""
+MEMORY = 2
+"""Numbers that control software keeps for itself: the active state, and control cycles spent in it."""
 
-FLAVOURS = ("watermelon", "chocolate")
 
-_BEHAVIOURS = named(BEHAVIOURS)
-_CONDITIONS = named(CONDITIONS)
+class Parts(NamedTuple):
+    """The modules of a PFSM, one after the other; part k has places starts[k] to starts[k + 1] of a row."""
+
+    modules: Row  # position of each in BEHAVIOURS or CONDITIONS
+    starts: Row  # in `parameters`
+    parameters: Row
+    memory_starts: Row  # in the memory, behind MEMORY
+    memory_ends: Row
 
 
 class Program(NamedTuple):
-    """A PFSM as tables of numbers: tuples here, numpy arrays of the same length in compiled code.
+    """A PFSM as tables of numbers: tuples here, numpy arrays of the same length in compiled code."""
 
-    Transition j of state i is at place i * MAX_TRANSITIONS + j; a module's parameters begin at MAX_PARAMETERS times
-    the place of the state or transition.
-    """
-
-    behaviours: Row  # of each state, position in BEHAVIOURS
-    behaviour_parameters: Row
-    transitions: Row  # of each state, how many
-    conditions: Row  # of each transition, position in CONDITIONS
-    condition_parameters: Row
+    behaviours: Parts  # of the states
+    transitions: Row  # of each state, the place of its first transition; and how many there are in all
+    conditions: Parts  # of the transitions
     targets: Row  # of each transition, number of a state
-    reads: Row  # of each state, the senses that it and its conditions read, as bits (modules.SENSES)
+    reads: Row  # of each state, the senses that it and its conditions read, as bits (module.SENSES)
+
+    @property
+    def memory(self) -> int:
+        """How many numbers it keeps from cycle to cycle."""
+        parts = (self.behaviours, self.conditions)
+        return max([MEMORY, *(int(part.memory_ends[k]) for part in parts for k in range(len(part.memory_ends)))])
 
 
 def absolute_target(state: int, relative: int) -> int:
@@ -56,8 +60,8 @@ class Transition(NamedTuple):
 
     @property
     def module(self) -> Module:
-        """The row of CONDITIONS."""
-        return CONDITIONS[_CONDITIONS[self.condition]]
+        """Its condition."""
+        return CONDITIONS[self.condition]
 
 
 class State(NamedTuple):
@@ -69,8 +73,8 @@ class State(NamedTuple):
 
     @property
     def module(self) -> Module:
-        """The row of BEHAVIOURS."""
-        return BEHAVIOURS[_BEHAVIOURS[self.behaviour]]
+        """Its behaviour."""
+        return BEHAVIOURS[self.behaviour]
 
     @property
     def reads(self) -> frozenset[str]:
@@ -83,25 +87,26 @@ class Pfsm:
     """A valid probabilistic finite-state machine; state 0 is the initial one.
 
     Raises:
-        FsmError: on more than 4 or no states, more than 4 transitions from a state, a target that is the state itself
-            or does not exist, a module that does not exist in the flavour, a missing, superfluous or not finite
+        FsmError: on no states, more states or transitions from a state than the flavour has, a target that is the state
+            itself or does not exist, a module that does not exist in the flavour, a missing, superfluous or not finite
             parameter, and (unless `any_domain`) a parameter outside its domain.
     """
 
     states: tuple[State, ...]
-    flavour: str = "watermelon"
+    flavour: str = DEFAULT_FLAVOUR
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        if self.flavour not in FLAVOURS:
-            raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {self.flavour!r}")
-        if not 1 <= len(self.states) <= MAX_STATES:
-            raise FsmError(f"expected 1 to {MAX_STATES} states, found {len(self.states)}")
+        flavour = flavour_of(self.flavour)
+        max_states, max_transitions = flavour.limit("states"), flavour.limit("transitions")
+        behaviours, conditions = flavour.behaviours, flavour.conditions or {}
+        if not 1 <= len(self.states) <= max_states:
+            raise FsmError(f"expected 1 to {max_states} states, found {len(self.states)}")
         for i, state in enumerate(self.states):
-            self._check_module(f"state {i}", "behaviour", state.behaviour, state.parameters)
-            if len(state.transitions) > MAX_TRANSITIONS:
+            self._check_module(f"state {i}", BEHAVIOURS, behaviours, state.behaviour, state.parameters)
+            if len(state.transitions) > max_transitions:
                 raise FsmError(
-                    f"state {i}: expected at most {MAX_TRANSITIONS} transitions, found {len(state.transitions)}"
+                    f"state {i}: expected at most {max_transitions} transitions, found {len(state.transitions)}"
                 )
             for j, transition in enumerate(state.transitions):
                 place = f"state {i}, transition {j}"
@@ -110,14 +115,15 @@ class Pfsm:
                         f"{place}: the target must be another one of the states 0 to {len(self.states) - 1}, "
                         f"found {transition.target}"
                     )
-                self._check_module(place, "condition", transition.condition, transition.parameters)
+                self._check_module(place, CONDITIONS, conditions, transition.condition, transition.parameters)
 
-    def _check_module(self, place: str, kind: str, name: str, values: tuple[float, ...]) -> None:
-        table, places = (BEHAVIOURS, _BEHAVIOURS) if kind == "behaviour" else (CONDITIONS, _CONDITIONS)
-        if name not in places or self.flavour not in table[places[name]].numbers:
-            known = ", ".join(module.name for module in table if self.flavour in module.numbers)
-            raise FsmError(f"{place}: {self.flavour} has no {kind} {name!r}; it has {known}")
-        parameters = table[places[name]].parameters
+    def _check_module(
+        self, place: str, table: Mapping[str, Module], known: Collection[str], name: str, values: tuple[float, ...]
+    ) -> None:
+        if name not in known:
+            kind = "behaviour" if table is BEHAVIOURS else "condition"
+            raise FsmError(f"{place}: {self.flavour} has no {kind} {name!r}; it has {', '.join(known)}")
+        parameters = table[name].parameters
         if len(values) != len(parameters):
             raise FsmError(f"{place}: {name} takes {len(parameters)} parameters, found {len(values)}")
         for parameter, value in zip(parameters, values, strict=True):
@@ -149,25 +155,40 @@ class Pfsm:
             for j, transition in enumerate(state.transitions):
                 yield f"state {i}, transition {j}", transition
 
+    @property
+    def draws(self) -> int:
+        """Uniform draws a cycle may use: one for the behaviour, two for each transition (is it next, does it fire)."""
+        return 1 + 2 * flavour_of(self.flavour).limit("transitions")
+
     def program(self) -> Program:
         """The tables that `control_cycle` runs on."""
-        nothing = Transition(CONDITIONS[0].name, (), 0)
-        places = [
-            transition
-            for state in self.states
-            for transition in (*state.transitions, *[nothing] * (MAX_TRANSITIONS - len(state.transitions)))
+        edges = [transition for state in self.states for transition in state.transitions]
+        ends = [*itertools.accumulate(len(state.transitions) for state in self.states)]
+        # In a state its behaviour has the first part of the memory, then its conditions theirs.
+        behaving = [MEMORY + state.module.memory for state in self.states]
+        kept = [
+            [*itertools.accumulate((edge.module.memory for edge in state.transitions), initial=begin)]
+            for begin, state in zip(behaving, self.states, strict=True)
         ]
         return Program(
-            behaviours=tuple(_BEHAVIOURS[state.behaviour] for state in self.states),
-            behaviour_parameters=_padded(state.parameters for state in self.states),
-            transitions=tuple(len(state.transitions) for state in self.states),
-            conditions=tuple(_CONDITIONS[transition.condition] for transition in places),
-            condition_parameters=_padded(transition.parameters for transition in places),
-            targets=tuple(transition.target for transition in places),
+            behaviours=_parts(self.states, [MEMORY] * len(self.states), behaving),
+            transitions=(0, *ends),
+            conditions=_parts(
+                edges,
+                [place for places in kept for place in places[:-1]],
+                [place for places in kept for place in places[1:]],
+            ),
+            targets=tuple(edge.target for edge in edges),
             reads=tuple(senses_bits(state.reads) for state in self.states),
         )
 
 
-def _padded(rows: Iterable[tuple[float, ...]]) -> tuple[float, ...]:
-    """Parameters one after the other, MAX_PARAMETERS to a module."""
-    return tuple(float(value) for row in rows for value in (*row, *[0.0] * (MAX_PARAMETERS - len(row))))
+def _parts(used: Sequence[State | Transition], memory_starts: Sequence[int], memory_ends: Sequence[int]) -> Parts:
+    values = [each.parameters for each in used]
+    return Parts(
+        modules=tuple(each.module.position for each in used),
+        starts=(0, *itertools.accumulate(map(len, values))),
+        parameters=tuple(float(value) for row in values for value in row),
+        memory_starts=tuple(memory_starts),
+        memory_ends=tuple(memory_ends),
+    )

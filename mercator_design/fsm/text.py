@@ -14,19 +14,9 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.pfsm import (
-    FLAVOURS,
-    MAX_STATES,
-    MAX_TRANSITIONS,
-    Pfsm,
-    State,
-    Transition,
-    absolute_target,
-    relative_target,
-)
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import Module, numbered
+from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, relative_target
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_names, flavour_of
+from mercator_design.modules.module import Module
 
 Warn = Callable[[str], None]
 
@@ -42,12 +32,14 @@ def _flags(table: Iterable[Module]) -> set[str]:
     return {parameter.flag for module in table for parameter in module.parameters}
 
 
-_OF_STATES = "|".join(sorted({"s", "n"} | _flags(BEHAVIOURS)))
-_OF_TRANSITIONS = "|".join(sorted({"n", "c"} | _flags(CONDITIONS)))
-_FLAG = re.compile(rf"--(?:nstates|(?:{_OF_STATES})[0-9]+|(?:{_OF_TRANSITIONS})[0-9]+x[0-9]+)")
+def _known_flags(flavour: Flavour) -> re.Pattern[str]:
+    """All flags of a flavour's texts."""
+    of_states = "|".join(sorted({"s", "n"} | _flags(flavour.numbered("behaviour").values())))
+    of_transitions = "|".join(sorted({"n", "c"} | _flags(flavour.numbered("condition").values())))
+    return re.compile(rf"--(?:nstates|(?:{of_states})[0-9]+|(?:{of_transitions})[0-9]+x[0-9]+)")
 
 
-def parse(line: str, flavour: str = "watermelon", *, tolerate: Warn | None = None) -> Pfsm:
+def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = None) -> Pfsm:
     """The PFSM that a command line describes.
 
     Args:
@@ -59,8 +51,7 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Warn | None = Non
     Raises:
         FsmError: naming token, state and transition.
     """
-    if flavour not in FLAVOURS:
-        raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {flavour!r}")
+    known = flavour_of(flavour)
     tokens = line.split()
     if tokens[:1] == ["--fsm-config"]:
         del tokens[0]
@@ -69,11 +60,12 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Warn | None = Non
             raise FsmError(f"expected a flag or a number, found {token[:_MAX_TOKEN]!r}")
     given = tokens
     if tolerate:
-        tokens = _as_original(tokens, flavour, tolerate)
+        tokens = _as_original(tokens, known, tolerate)
     try:
-        pfsm = _TokenReader(tokens, flavour, any_domain=tolerate is not None).pfsm()
+        pfsm = _TokenReader(tokens, known, any_domain=tolerate is not None).pfsm()
     except FsmError as error:
-        hint = other_flavour(flavour, lambda other: _TokenReader(given, other, any_domain=tolerate is not None).pfsm())
+        lenient = tolerate is not None
+        hint = other_flavour(flavour, lambda other: _TokenReader(given, flavour_of(other), any_domain=lenient).pfsm())
         raise FsmError(f"{error}{hint}") from None
     if tolerate:
         out_of_domain(pfsm, tolerate)
@@ -82,7 +74,7 @@ def parse(line: str, flavour: str = "watermelon", *, tolerate: Warn | None = Non
 
 def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
     """What to say of a PFSM that cannot be read in its flavour, but in another; empty if it fits none."""
-    for other in FLAVOURS:
+    for other in flavour_names("pfsm"):
         if other != flavour:
             with contextlib.suppress(FsmError):
                 read(other)
@@ -101,14 +93,15 @@ def out_of_domain(pfsm: Pfsm, warn: Warn) -> None:
 def to_text(pfsm: Pfsm) -> str:
     """The canonical command line of a PFSM; `parse` reads it back to an equal one."""
     words = [f"--nstates {len(pfsm.states)}"]
+    behaviours, conditions = (flavour_of(pfsm.flavour).numbers_of(kind) for kind in ("behaviour", "condition"))
     for i, state in enumerate(pfsm.states):
-        words.append(f"--s{i} {state.module.numbers[pfsm.flavour]}")
+        words.append(f"--s{i} {behaviours[state.behaviour]}")
         words += _values(state.module, state.parameters, f"{i}")
         if state.transitions:
             words.append(f"--n{i} {len(state.transitions)}")
         for j, transition in enumerate(state.transitions):
             relative = relative_target(i, transition.target)
-            words.append(f"--n{i}x{j} {relative} --c{i}x{j} {transition.module.numbers[pfsm.flavour]}")
+            words.append(f"--n{i}x{j} {relative} --c{i}x{j} {conditions[transition.condition]}")
             words += _values(transition.module, transition.parameters, f"{i}x{j}")
     return " ".join(words)
 
@@ -123,15 +116,16 @@ def _values(module: Module, values: tuple[float, ...], index: str) -> list[str]:
 class _TokenReader:
     """Reads well-formed tokens, one flag with its value after the other."""
 
-    def __init__(self, tokens: list[str], flavour: str, *, any_domain: bool) -> None:
+    def __init__(self, tokens: list[str], flavour: Flavour, *, any_domain: bool) -> None:
         self._flavour = flavour
         self._any_domain = any_domain
-        self._behaviours = numbered(BEHAVIOURS, flavour)
-        self._conditions = numbered(CONDITIONS, flavour)
+        self._behaviours = flavour.numbered("behaviour")
+        self._conditions = flavour.numbered("condition")
+        known = _known_flags(flavour)
         self._pairs: list[tuple[str, str]] = []
         seen: set[str] = set()
         for flag, value in zip(tokens[::2], [*tokens[1::2], ""], strict=False):
-            if not _FLAG.fullmatch(flag):
+            if not known.fullmatch(flag):
                 raise FsmError(f"expected a flag such as --s0 or --p0x1, found {flag!r}")
             if flag in seen:
                 raise FsmError(f"{flag} is given twice")
@@ -142,22 +136,22 @@ class _TokenReader:
         self._next = 0
 
     def pfsm(self) -> Pfsm:
-        n = self._integer("--nstates", "the number of states", 1, MAX_STATES)
+        n = self._integer("--nstates", "the number of states", 1, self._flavour.limit("states"))
         states = tuple(self._state(i, n) for i in range(n))
         if self._next < len(self._pairs):
             flag = self._pairs[self._next][0]
             raise FsmError(f"{flag} is not expected here: --nstates {n} ends with state {n - 1}")
-        return Pfsm(states, self._flavour, any_domain=self._any_domain)
+        return Pfsm(states, self._flavour.name, any_domain=self._any_domain)
 
     def _state(self, i: int, n: int) -> State:
         place = f"state {i}"
         what = f"the behaviour of {place}"
         module = self._known(f"--s{i}", self._value(f"--s{i}", what), what, self._behaviours)
-        flags = {f"--{flag}{i}" for flag in _flags(BEHAVIOURS)}
+        flags = {f"--{flag}{i}" for flag in _flags(self._behaviours.values())}
         parameters = self._values(place, module, self._gather(flags), f"{i}")
         transitions: tuple[Transition, ...] = ()
         if self._peek() == f"--n{i}":
-            max_transitions = MAX_TRANSITIONS if n > 1 else 0
+            max_transitions = self._flavour.limit("transitions") if n > 1 else 0
             m = self._integer(f"--n{i}", f"the number of transitions of {place} (of {n})", 0, max_transitions)
             transitions = tuple(self._transition(i, j, n) for j in range(m))
         return State(module.name, parameters, transitions)
@@ -165,7 +159,7 @@ class _TokenReader:
     def _transition(self, i: int, j: int, n: int) -> Transition:
         place = f"state {i}, transition {j}"
         relative = self._integer(f"--n{i}x{j}", f"the target of {place}, counted among the other states", 0, n - 2)
-        flags = {f"--{flag}{i}x{j}" for flag in _flags(CONDITIONS)}
+        flags = {f"--{flag}{i}x{j}" for flag in _flags(self._conditions.values())}
         condition = f"--c{i}x{j}"
         given = self._gather({condition, *flags})
         if condition not in given:
@@ -203,7 +197,7 @@ class _TokenReader:
     def _known(self, flag: str, value: str, what: str, known: Mapping[int, Module]) -> Module:
         if not _INTEGER.fullmatch(value) or int(value) not in known:
             names = ", ".join(f"{number} {module.name}" for number, module in known.items())
-            raise FsmError(f"{flag}, {what}: expected one of {names} ({self._flavour}); found {value}")
+            raise FsmError(f"{flag}, {what}: expected one of {names} ({self._flavour.name}); found {value}")
         return known[int(value)]
 
     def _values(self, place: str, module: Module, given: dict[str, str], index: str) -> tuple[float, ...]:
@@ -225,7 +219,7 @@ class _TokenReader:
         return tuple(values)
 
 
-def _as_original(tokens: list[str], flavour: str, warn: Warn) -> list[str]:
+def _as_original(tokens: list[str], flavour: Flavour, warn: Warn) -> list[str]:
     """The tokens that the original builder makes use of, with numbers as C's atoi and strtod read them.
 
     AutoMoDeFsmBuilder searches slices of the text for flags: the first of each counts, what it does not search for is
@@ -261,19 +255,19 @@ def _as_original(tokens: list[str], flavour: str, warn: Warn) -> list[str]:
             take(f"--{parameter.flag}{index}", start, end, cut=parameter.integer)
 
     begin = find("--nstates", 0, len(tokens))
-    n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), MAX_STATES + 1)
+    n = min(int(take("--nstates", begin, len(tokens), integer=True) or 0), flavour.limit("states") + 1)
     for i in range(n):
         start = find(f"--s{i}", 0, len(tokens))
         end = find(f"--s{i + 1}", 0, len(tokens)) if i < n - 1 else len(tokens)
         behaviour = take(f"--s{i}", start, end, integer=True)
-        take_parameters(numbered(BEHAVIOURS, flavour), behaviour, f"{i}", start, end)
-        m = min(int(take(f"--n{i}", start, end, integer=True) or 0), MAX_TRANSITIONS + 1)
+        take_parameters(flavour.numbered("behaviour"), behaviour, f"{i}", start, end)
+        m = min(int(take(f"--n{i}", start, end, integer=True) or 0), flavour.limit("transitions") + 1)
         for j in range(m):
             first = find(f"--n{i}x{j}", start, end)
             last = find(f"--n{i}x{j + 1}", start, end) if j < m - 1 else end
             take(f"--n{i}x{j}", first, last, integer=True)
             condition = take(f"--c{i}x{j}", first, last, integer=True)
-            take_parameters(numbered(CONDITIONS, flavour), condition, f"{i}x{j}", first, last)
+            take_parameters(flavour.numbered("condition"), condition, f"{i}x{j}", first, last)
     ignored = " ".join(token for k, token in enumerate(tokens) if k not in used)
     if ignored:
         warn(f"ignored: {ignored if len(ignored) <= _MAX_WARNING else ignored[:_MAX_WARNING] + ' ...'}")

@@ -17,7 +17,8 @@ It is read as missions are (config/loading.py), so mistakes are reported all at 
 """
 
 import functools
-from collections.abc import Iterator, Mapping
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -29,38 +30,62 @@ from mercator_design.config.schema import (
     KeywordsOf,
     Kind,
     Length,
+    OneOf,
     Pattern,
     Range,
     check,
-    comments_of,
-    origin_of,
-    parameters_of,
 )
 from mercator_design.config.writing import Dumper
 from mercator_design.errors import FsmError
-from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.words.names import STATE_NAME
-from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS, MODULES, Words, named_values, number_of
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names, flavour_of
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
+from mercator_design.modules.words import named_values, number_of
 
 StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
 HeaderKey = Annotated[str, Pattern(r"[^\s:#][^\s:]*( [^\s:]+)*", "words without a colon")]
 
 
-def _ruled(words: Mapping[str, Words], *, any_domain: bool = False) -> Mapping[str, Words]:
-    """The functions of words, with rules: the domains of the modules' parameters, or any number, for a label too."""
-    found: dict[str, Words] = {}
-    for module, function in words.items():
-        kinds: dict[str, Kind] = {name: kind for name, (kind, _) in parameters_of(function).items()}
-        for parameter in MODULES[module].parameters:
-            kind = kinds[parameter.name]
-            is_label = origin_of(kind) is Literal
-            if any_domain and is_label:
-                kinds[parameter.name] = kind | int
-            elif not any_domain and not is_label:
-                kinds[parameter.name] = Annotated[kind, Range(parameter.low, parameter.high)]
-        found[module] = functools.wraps(function)(functools.partial(function))
-        found[module].__annotations__ = kinds
-    return found
+class _Keys(Mapping[str, Callable[..., Any]]):
+    """The parameters of modules as keys of a file: a function with them as keyword-only parameters for each module."""
+
+    def __init__(self, modules: Mapping[str, Module], *, any_domain: bool = False) -> None:
+        self._modules = modules
+        self._any_domain = any_domain
+
+    def __getitem__(self, name: str) -> Callable[..., Any]:
+        return _keys_of(self._modules[name], self._any_domain)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._modules)
+
+    def __len__(self) -> int:
+        return len(self._modules)
+
+
+@functools.cache
+def _keys_of(module: Module, any_domain: bool) -> Callable[..., Any]:
+    """A function of keyword-only parameters, with the comments and docstring of a module's function."""
+    kinds = {one.name: _kind(one, any_domain=any_domain) for one in module.parameters}
+    keywords = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind) for name, kind in kinds.items()
+    ]
+
+    @functools.wraps(module.function)
+    def keys(**_: object) -> None: ...
+
+    keys.__annotations__ = kinds
+    keys.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]
+    return keys
+
+
+def _kind(parameter: ModuleParameter, *, any_domain: bool) -> Kind:
+    """The annotation of a parameter: its domain, or any number, for a label too."""
+    number: Kind = int if parameter.integer else float
+    if parameter.labels:
+        return Literal[parameter.labels] | int if any_domain else Literal[parameter.labels]
+    return number if any_domain else Annotated[number, Range(parameter.low, parameter.high)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +93,7 @@ class NamedTransition:
     """A transition."""
 
     condition: str  # name of the condition
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(CONDITION_WORDS), "condition")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_Keys(CONDITIONS), "condition")]
     to: StateName  # name of the target, another state
 
 
@@ -78,8 +103,12 @@ class NamedState:
 
     name: StateName  # that no other state has
     behaviour: str  # name of the behaviour
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(BEHAVIOUR_WORDS), "behaviour")]
-    transitions: Annotated[tuple[NamedTransition, ...], Length(0, MAX_TRANSITIONS)] = ()  # tested in random order
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_Keys(BEHAVIOURS), "behaviour")]
+    transitions: tuple[NamedTransition, ...] = ()  # tested in random order
+
+
+def _flavours() -> tuple[str, ...]:
+    return flavour_names("pfsm")
 
 
 def _names_differ(states: tuple[NamedState, ...]) -> Iterator[FieldError]:
@@ -100,29 +129,38 @@ def _targets_exist(states: tuple[NamedState, ...]) -> Iterator[FieldError]:
                 yield FieldError(f"states[{i}].transitions[{j}].to", expected)
 
 
+def _limits_are_kept(flavour: str, states: tuple[NamedState, ...]) -> Iterator[FieldError]:
+    max_states, max_transitions = (flavour_of(flavour).limit(name) for name in ("states", "transitions"))
+    if len(states) > max_states:
+        yield FieldError("states", f"expected a list of at least 1 and at most {max_states}, found {len(states)}")
+    for i, state in enumerate(states):
+        if (n := len(state.transitions)) > max_transitions:
+            yield FieldError(f"states[{i}].transitions", f"expected a list of at most {max_transitions}, found {n}")
+
+
 def _modules_exist(flavour: str, states: tuple[NamedState, ...]) -> Iterator[FieldError]:
     for i, state in enumerate(states):
-        used = [("behaviour", state.behaviour, BEHAVIOUR_WORDS, f"states[{i}]")]
+        used = [("behaviour", state.behaviour, f"states[{i}]")]
         used += [
-            ("condition", transition.condition, CONDITION_WORDS, f"states[{i}].transitions[{j}]")
+            ("condition", transition.condition, f"states[{i}].transitions[{j}]")
             for j, transition in enumerate(state.transitions)
         ]
-        for kind, name, table, place in used:
-            if flavour not in MODULES[name].numbers:
-                known = ", ".join(each for each in table if flavour in MODULES[each].numbers)
-                yield FieldError(f"{place}.{kind}", f"{flavour} has no {kind} '{name}'; it has {known}")
+        for kind, name, place in used:
+            known = flavour_of(flavour).numbers_of(kind)
+            if name not in known:
+                yield FieldError(f"{place}.{kind}", f"{flavour} has no {kind} '{name}'; it has {', '.join(known)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPfsm:
     """A PFSM as a file of keys; see docs/reference/control-software.md."""
 
-    CHECKS: ClassVar = (_names_differ, _targets_exist, _modules_exist)
+    CHECKS: ClassVar = (_limits_are_kept, _names_differ, _targets_exist, _modules_exist)
 
     schema: Literal[1]  # version of this format
-    flavour: Literal["watermelon", "chocolate"] = "watermelon"  # which modules there are
+    flavour: Annotated[str, OneOf(_flavours)] = DEFAULT_FLAVOUR  # which modules there are
     header: Mapping[HeaderKey, str] | None = None  # what is known of the PFSM, as in the comments of an fsm.txt
-    states: Annotated[tuple[NamedState, ...], Length(1, MAX_STATES)]  # the first is the initial one
+    states: Annotated[tuple[NamedState, ...], Length(1)]  # the first is the initial one
 
     def __post_init__(self) -> None:
         check(self)
@@ -141,9 +179,13 @@ class NamedPfsm:
             tuple(
                 State(
                     state.behaviour,
-                    _numbers(state.behaviour, state.parameters),
+                    _numbers(BEHAVIOURS[state.behaviour], state.parameters),
                     tuple(
-                        Transition(each.condition, _numbers(each.condition, each.parameters), self.names.index(each.to))
+                        Transition(
+                            each.condition,
+                            _numbers(CONDITIONS[each.condition], each.parameters),
+                            self.names.index(each.to),
+                        )
                         for each in state.transitions
                     ),
                 )
@@ -154,25 +196,25 @@ class NamedPfsm:
         )
 
 
-def _numbers(module: str, values: Mapping[str, Any]) -> tuple[float, ...]:
-    """The parameters in the table's order."""
-    return tuple(number_of(parameter.name, values[parameter.name]) for parameter in MODULES[module].parameters)
+def _numbers(module: Module, values: Mapping[str, Any]) -> tuple[float, ...]:
+    """The parameters in the module's order."""
+    return tuple(number_of(parameter, values[parameter.name]) for parameter in module.parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LenientTransition(NamedTransition):
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(CONDITION_WORDS, any_domain=True), "condition")]
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_Keys(CONDITIONS, any_domain=True), "condition")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LenientState(NamedState):
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(_ruled(BEHAVIOUR_WORDS, any_domain=True), "behaviour")]
-    transitions: Annotated[tuple[_LenientTransition, ...], Length(0, MAX_TRANSITIONS)] = ()
+    parameters: Annotated[Mapping[str, Any], KeywordsOf(_Keys(BEHAVIOURS, any_domain=True), "behaviour")]
+    transitions: tuple[_LenientTransition, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LenientPfsm(NamedPfsm):
-    states: Annotated[tuple[_LenientState, ...], Length(1, MAX_STATES)]
+    states: Annotated[tuple[_LenientState, ...], Length(1)]
 
 
 def parse_yaml(text: str, label: str, flavour: str | None = None, *, any_domain: bool = False) -> NamedPfsm:
@@ -199,19 +241,19 @@ def to_yaml(pfsm: Pfsm, names: tuple[str, ...], header: Mapping[str, str]) -> st
     lines.append("states:  # the first is the initial one")
     for name, state in zip(names, pfsm.states, strict=True):
         lines += [f"  - name: {_scalar(name)}", f"    behaviour: {state.behaviour}"]
-        lines += _parameter_lines("    ", BEHAVIOUR_WORDS[state.behaviour], state.behaviour, state.parameters)
+        lines += _parameter_lines("    ", state.module, state.parameters)
         lines += ["    transitions:"] * bool(state.transitions)
         for edge in state.transitions:
             lines.append(f"      - condition: {edge.condition}")
-            lines += _parameter_lines("        ", CONDITION_WORDS[edge.condition], edge.condition, edge.parameters)
+            lines += _parameter_lines("        ", edge.module, edge.parameters)
             lines.append(f"        to: {_scalar(names[edge.target])}")
     return "\n".join([*lines, ""])
 
 
-def _parameter_lines(indent: str, words: Words, module: str, values: tuple[float, ...]) -> list[str]:
-    comments = comments_of(words)
+def _parameter_lines(indent: str, module: Module, values: tuple[float, ...]) -> list[str]:
     return [
-        f"{indent}{name}: {_scalar(value)}  # {comments[name]}" for name, value in named_values(module, values).items()
+        f"{indent}{name}: {_scalar(value)}" + (f"  # {module.meanings[name]}" if name in module.meanings else "")
+        for name, value in named_values(module, values).items()
     ]
 
 

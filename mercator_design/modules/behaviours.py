@@ -1,8 +1,6 @@
-"""The behaviours: what a robot does in one control cycle while a state is active, and the table of them.
+"""The behaviours of this package: what a robot does in one control cycle while a part of its software is active.
 
-Each is a kernel `behaviour(model, readings, parameters, memory, u) -> Wheels`. `memory` is the controller's row of
-numbers (control.py), of which a behaviour owns the part from TURN_CYCLES on, zeroed when a state is entered. `u` is a
-uniform draw in [0, 1) made by the caller: behaviours never touch a generator.
+`u` is a uniform draw in [0, 1) made by the caller: behaviours never touch a generator.
 
 Sources: Garzón Ramos, Szpirer, Birattari et al., the Mercator paper (eqs. 14-19) for Watermelon; Francesca et al.
 2014 and 2015 for Vanilla and Chocolate. Where the paper leaves open what happens, and in exploration, the rule is that
@@ -11,29 +9,38 @@ of the published AutoMoDe source; docs/explanation/paper-and-code.md has all dif
 
 import math
 from collections.abc import Callable
+from typing import Annotated
 
-from mercator_design.jit import dispatcher, jittable
-from mercator_design.modules.module import Module, ModuleParameter
-from mercator_design.modules.perception import Row
-from mercator_design.modules.reference import Readings, ReferenceModel, Wheels
+from mercator_design.config.schema import Range
+from mercator_design.jit import jittable, open_dispatcher
+from mercator_design.modules.module import BEHAVIOUR_CALLS, Designed, KnownSwarm, Written, behaviour, like
+from mercator_design.modules.perception import MutableRow
+from mercator_design.modules.reference import Actions, Readings, ReferenceModel, drive
+from mercator_design.modules.words import others_words, seconds_words
 
-TURN_CYCLES, TURN_SIDE = 2, 3
-"""Places in `memory`: cycles that exploration still has to turn; the side it turns to (+1 left, -1 right)."""
+TURN_CYCLES, TURN_SIDE = 0, 1
+"""Places in the memory of exploration: cycles that it still has to turn; the side it turns to (+1 left, -1 right)."""
+
+_Tau = Annotated[
+    int, Range(0, 100), Designed(1, log=True), Written("rwm", "RWM")
+]  # 0 is legal, and means the same as 1
+_Attracted = Annotated[float, Range(1, 5), Written("att", "ATT")]
+_Repelled = Annotated[float, Range(1, 5), Written("rep", "REP")]
 
 
 @jittable
-def wheels_from_vector(model: ReferenceModel, x: float, y: float) -> Wheels:
-    """Wheels that steer towards a vector: the outer one at full speed, the inner one at the cosine of the angle.
+def wheels_from_vector(model: ReferenceModel, x: float, y: float) -> Actions:
+    """Actions that steer towards a vector: the outer one at full speed, the inner one at the cosine of the angle.
 
     A vector shorter than `weakest_pull` counts as none: straight on. The inner wheel keeps at least `slowest_wheel`.
     """
     length = math.sqrt(x * x + y * y)
     if length < model.weakest_pull:
-        return Wheels(1.0, 1.0)
+        return drive(1.0, 1.0)
     inner = max(model.slowest_wheel, x / length)
     if y > 0.0:
-        return Wheels(inner, 1.0)
-    return Wheels(1.0, inner)
+        return drive(inner, 1.0)
+    return drive(1.0, inner)
 
 
 @jittable
@@ -44,112 +51,121 @@ def strength(model: ReferenceModel, alpha: float) -> float:
     return alpha
 
 
-@jittable
-def exploration(model: ReferenceModel, readings: Readings, parameters: Row, memory: list[float], u: float) -> Wheels:
-    """Straight on; before an obstacle, turn away from it for a random number of cycles below tau, at least one."""
-    tau = parameters[0]  # [cycles]
+def _exploring(swarm: KnownSwarm, tau: float) -> str:
+    longest = max(1, int(tau) - 1)
+    time = f"1 to {longest} cycles" if longest > 1 else "1 cycle"
+    return f"drives straight on; before an obstacle it turns away for {time} (at most {seconds_words(longest, swarm)})"
+
+
+def _attracted(swarm: KnownSwarm, alpha: float) -> str:
+    alone = f"; {others_words(1)}" * (swarm.robots == 1)
+    return f"goes to its neighbours (strength {alpha:g} of 1 to 5) and keeps away from obstacles{alone}"
+
+
+def _repelled(swarm: KnownSwarm, alpha: float) -> str:
+    alone = f"; {others_words(1)}" * (swarm.robots == 1)
+    return f"goes away from its neighbours (strength {alpha:g} of 1 to 5) and from obstacles{alone}"
+
+
+@behaviour(label="Exploration", reads={"proximity"}, memory=2, words=_exploring)
+def exploration(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    u: float,
+    tau: _Tau,  # [cycles] a turn away from an obstacle takes fewer cycles than this; 0 means 1
+) -> Actions:
+    """Drive straight on; before an obstacle, turn away from it for a random time.
+
+    A turn takes fewer cycles than tau, and at least one.
+    """
     if memory[TURN_CYCLES] > 0.0:
         memory[TURN_CYCLES] -= 1.0
-        return Wheels(-memory[TURN_SIDE], memory[TURN_SIDE])
+        return drive(-memory[TURN_SIDE], memory[TURN_SIDE])
     x, y = readings.proximity_x, readings.proximity_y
     in_front = x >= 0.0 and math.sqrt(x * x + y * y) >= model.obstacle_threshold
     if in_front:
         # The turn begins in the next cycle; this one still drives straight on.
         memory[TURN_CYCLES] = max(1.0, float(math.floor(u * tau)))
         memory[TURN_SIDE] = 1.0 if y < 0.0 else -1.0
-    return Wheels(1.0, 1.0)
+    return drive(1.0, 1.0)
 
 
-@jittable
-def stop(model: ReferenceModel, readings: Readings, parameters: Row, memory: list[float], u: float) -> Wheels:
+@behaviour(label="Stop", words=lambda _: "stands still")
+def stop(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    u: float,
+) -> Actions:
     """Stand still."""
-    return Wheels(0.0, 0.0)
+    return drive(0.0, 0.0)
 
 
-@jittable
-def phototaxis(model: ReferenceModel, readings: Readings, parameters: Row, memory: list[float], u: float) -> Wheels:
+@behaviour(
+    label="Phototaxis",
+    reads={"light", "proximity"},
+    words=lambda _: "goes to the light and keeps away from obstacles",
+)
+def phototaxis(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    u: float,
+) -> Actions:
     """Go to the light, away from obstacles (eq. 14)."""
     x = model.light_gain * readings.light_x - model.light_obstacle_gain * readings.proximity_x
     y = model.light_gain * readings.light_y - model.light_obstacle_gain * readings.proximity_y
     return wheels_from_vector(model, x, y)
 
 
-@jittable
+@behaviour(
+    name="anti-phototaxis",
+    label="Anti-Phototaxis",
+    reads={"light", "proximity"},
+    words=lambda _: "goes away from the light and from obstacles",
+)
 def anti_phototaxis(
     model: ReferenceModel,
     readings: Readings,
-    parameters: Row,
-    memory: list[float],
+    memory: MutableRow,
     u: float,
-) -> Wheels:
+) -> Actions:
     """Go away from the light and from obstacles (eq. 15)."""
     x = -model.light_gain * readings.light_x - model.light_obstacle_gain * readings.proximity_x
     y = -model.light_gain * readings.light_y - model.light_obstacle_gain * readings.proximity_y
     return wheels_from_vector(model, x, y)
 
 
-@jittable
-def attraction(model: ReferenceModel, readings: Readings, parameters: Row, memory: list[float], u: float) -> Wheels:
+@behaviour(label="Attraction", reads={"neighbours", "proximity"}, words=_attracted)
+def attraction(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    u: float,
+    alpha: _Attracted,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
+) -> Actions:
     """Go to the neighbours, away from obstacles (eq. 18)."""
-    gain = model.attraction_gain * strength(model, parameters[0])
+    gain = model.attraction_gain * strength(model, alpha)
     x = gain * readings.neighbours_x - model.attraction_obstacle_gain * readings.proximity_x
     y = gain * readings.neighbours_y - model.attraction_obstacle_gain * readings.proximity_y
     return wheels_from_vector(model, x, y)
 
 
-@jittable
-def repulsion(model: ReferenceModel, readings: Readings, parameters: Row, memory: list[float], u: float) -> Wheels:
+@behaviour(label="Repulsion", reads={"neighbours", "proximity"}, words=_repelled)
+def repulsion(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    u: float,
+    alpha: _Repelled,  # strength, from 1 (weak) to 5 (strong), against that of obstacles
+) -> Actions:
     """Go away from the neighbours and from obstacles (eq. 19)."""
-    gain = model.repulsion_gain * strength(model, parameters[0]) ** model.repulsion_power
+    gain = model.repulsion_gain * strength(model, alpha) ** model.repulsion_power
     x = -gain * readings.neighbours_x - model.repulsion_obstacle_gain * readings.proximity_x
     y = -gain * readings.neighbours_y - model.repulsion_obstacle_gain * readings.proximity_y
     return wheels_from_vector(model, x, y)
 
 
-_OBSTACLES = frozenset({"proximity"})
-_LIGHT = frozenset({"light", "proximity"})
-_NEIGHBOURS = frozenset({"neighbours", "proximity"})
-
-BEHAVIOURS = (
-    Module(
-        name="exploration",
-        label="Exploration",
-        function=exploration,
-        numbers={"watermelon": 0, "chocolate": 0},
-        reads=_OBSTACLES,
-        # 0 is legal in published controllers and means the same as 1.
-        parameters=(
-            ModuleParameter(
-                name="tau", flag="rwm", grammar="RWM", low=0, high=100, integer=True, sampled_low=1, log=True
-            ),
-        ),
-    ),
-    Module(name="stop", label="Stop", function=stop, numbers={"watermelon": 1, "chocolate": 1}),
-    Module(name="phototaxis", label="Phototaxis", function=phototaxis, numbers={"chocolate": 2}, reads=_LIGHT),
-    Module(
-        name="anti-phototaxis",
-        label="Anti-Phototaxis",
-        function=anti_phototaxis,
-        numbers={"chocolate": 3},
-        reads=_LIGHT,
-    ),
-    Module(
-        name="attraction",
-        label="Attraction",
-        function=attraction,
-        numbers={"watermelon": 2, "chocolate": 4},
-        reads=_NEIGHBOURS,
-        parameters=(ModuleParameter(name="alpha", flag="att", grammar="ATT", low=1, high=5),),
-    ),
-    Module(
-        name="repulsion",
-        label="Repulsion",
-        function=repulsion,
-        numbers={"watermelon": 3, "chocolate": 5},
-        reads=_NEIGHBOURS,
-        parameters=(ModuleParameter(name="alpha", flag="rep", grammar="REP", low=1, high=5),),
-    ),
-)
-
-behave: Callable[..., Wheels] = dispatcher(module.function for module in BEHAVIOURS)
-"""`behave(position in BEHAVIOURS, model, readings, parameters, memory, u) -> Wheels`."""
+behave: Callable[..., None] = open_dispatcher("behaviours", BEHAVIOUR_CALLS, like=like(u=0.0))
+"""`behave(position in BEHAVIOURS, model, readings, parameters, memory, u, actions)`, which stores Actions in a row."""

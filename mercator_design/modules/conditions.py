@@ -1,19 +1,28 @@
-"""The conditions: with which probability a transition is taken in one control cycle, and the table of them.
+"""The conditions of this package: with which probability they hold in one control cycle.
 
-Each is a kernel `condition(model, readings, parameters) -> probability`. The caller makes the draw: conditions never
-touch a generator. Sources as in behaviours.py.
+The caller makes the draw: conditions never touch a generator. Sources as in behaviours.py.
 """
 
 import math
 from collections.abc import Callable
+from typing import Annotated, Literal, get_args
 
-from mercator_design.jit import dispatcher, jittable
-from mercator_design.modules.module import Module, ModuleParameter
-from mercator_design.modules.perception import Row, gray_level
+from mercator_design.config.schema import Range
+from mercator_design.jit import jittable, open_dispatcher
+from mercator_design.modules.module import CONDITION_CALLS, Designed, KnownSwarm, Written, condition, like
+from mercator_design.modules.perception import MutableRow, gray_level
 from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.words import others_words, percent_words, probability_words
 
-COLOUR_LABELS = ("green", "blue", "red", "yellow")
+Label = Literal["green", "blue", "red", "yellow"]
+COLOUR_LABELS: tuple[str, ...] = get_args(Label)
 """What the label parameter of the colour condition means."""
+
+_Beta = Annotated[float, Range(0, 1), Written("p", "P")]
+_Xi = Annotated[int, Range(0, 10), Designed(1), Written("p", "B")]
+_Eta = Annotated[float, Range(0, 20), Written("w", "W")]
+_NotXi = Annotated[int, Range(0, 10), Designed(1), Written("p", "BI")]
+_NotEta = Annotated[float, Range(0, 20), Written("w", "WI")]
 
 _UNSIGNED = 2.0**32
 """Difference between an unsigned number of 32 bits and the negative one that it was meant to be."""
@@ -72,127 +81,121 @@ def colour_label(model: ReferenceModel, red: float, green: float, blue: float) -
     return found
 
 
-@jittable
-def black_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """Beta where the ground is black."""
-    return parameters[0] if ground_level(readings) <= model.black_highest else 0.0
+def _where(place: str) -> Callable[[KnownSwarm, float], str]:
+    """Words for a probability beta at a place."""
+    return lambda swarm, beta: probability_words(beta, swarm, place)
 
 
-@jittable
-def gray_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """Beta where the ground is gray. Colours count by their brightness: green is gray, red is nearly."""
+def _coloured(swarm: KnownSwarm, beta: float, label: float) -> str:
+    return probability_words(beta, swarm, f"where the ground is {COLOUR_LABELS[int(label)]}")
+
+
+def _many(swarm: KnownSwarm, xi: float, eta: float) -> str:
+    return f"the more neighbours the likelier: {_by_neighbours(xi, eta, swarm, +1)}"
+
+
+def _few(swarm: KnownSwarm, xi: float, eta: float) -> str:
+    return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, swarm, -1)}"
+
+
+def _by_neighbours(xi: float, eta: float, swarm: KnownSwarm, sign: int) -> str:
+    """The probabilities with none and with about xi neighbours; no more than there are other robots."""
+    numbers = {0, max(0, int(xi) - 1), int(xi), int(xi) + 1}
+    only = ""
+    if swarm.robots is not None and swarm.robots <= max(numbers):
+        numbers = {min(n, swarm.robots - 1) for n in numbers}
+        only = f"; {others_words(swarm.robots)}"
+    found = [f"{percent_words(logistic(float(eta) * sign * (n - xi)))} with {n or 'none'}" for n in sorted(numbers)]
+    return f"{' and '.join(filter(None, (', '.join(found[:-1]), found[-1])))}, in each cycle{only}"
+
+
+@condition(label="BlackFloor", reads={"ground"}, words=_where("where the ground is black"))
+def black_floor(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where the ground is black
+) -> float:
+    """The ground is black."""
+    return beta if ground_level(readings) <= model.black_highest else 0.0
+
+
+@condition(label="GrayFloor", reads={"ground"}, words=_where("where the ground is as bright as gray (green is)"))
+def gray_floor(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where the ground is gray
+) -> float:
+    """The ground is gray; green is as bright as gray."""
     level = ground_level(readings)
-    return parameters[0] if model.gray_lowest < level < model.gray_highest else 0.0
+    return beta if model.gray_lowest < level < model.gray_highest else 0.0
 
 
-@jittable
-def white_floor(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """Beta where the ground is white. Yellow is bright enough to count."""
-    return parameters[0] if ground_level(readings) >= model.white_lowest else 0.0
+@condition(label="WhiteFloor", reads={"ground"}, words=_where("where the ground is as bright as white (yellow is)"))
+def white_floor(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where the ground is white
+) -> float:
+    """The ground is white; yellow is as bright as white."""
+    return beta if ground_level(readings) >= model.white_lowest else 0.0
 
 
-@jittable
-def neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """The more neighbours the likelier, as `crowding` says."""
-    return crowding(model, readings, parameters[0], parameters[1])
+@condition(label="NeighborsCount", reads={"neighbours"}, words=_many)
+def neighbours_count(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    xi: _Xi,  # [robots] number of neighbours at which the probability is 1/2 a cycle
+    eta: _Eta,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
+) -> float:
+    """The robot has many neighbours.
+
+    The probability is `crowding`.
+    """
+    return crowding(model, readings, xi, eta)
 
 
-@jittable
-def inverted_neighbours_count(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """The fewer neighbours the likelier: one minus the probability of `neighbours_count`."""
-    return 1.0 - crowding(model, readings, parameters[0], parameters[1])
+@condition(label="InvertedNeighborsCount", reads={"neighbours"}, words=_few)
+def inverted_neighbours_count(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    xi: _NotXi,  # [robots] number of neighbours at which the probability is 1/2 a cycle
+    eta: _NotEta,  # steepness: 0 is a probability of 1/2 for any number of neighbours, 20 nearly a threshold
+) -> float:
+    """The robot has few neighbours.
+
+    The probability is one minus that of `neighbours_count`.
+    """
+    return 1.0 - crowding(model, readings, xi, eta)
 
 
-@jittable
-def fixed_probability(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """Beta, always."""
-    return float(parameters[0])
+@condition(label="FixedProbability", words=_where(""))
+def fixed_probability(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability
+) -> float:
+    """By chance."""
+    return float(beta)
 
 
-@jittable
-def floor_colour(model: ReferenceModel, readings: Readings, parameters: Row) -> float:
-    """Beta where the ground shows the label's colour."""
-    label = colour_label(model, readings.ground_red, readings.ground_green, readings.ground_blue)
-    return parameters[0] if label >= 0 and label == parameters[1] else 0.0
+@condition(label="ProbColor", reads={"ground"}, words=_coloured)
+def floor_colour(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where the ground has the colour
+    label: Annotated[Label, Written("l", "L")],  # the colour
+) -> float:
+    """The ground has a colour."""
+    shown = colour_label(model, readings.ground_red, readings.ground_green, readings.ground_blue)
+    return beta if shown >= 0 and shown == label else 0.0  # type: ignore[comparison-overlap]  # a number, in kernels
 
 
-def _beta() -> ModuleParameter:
-    return ModuleParameter(name="beta", flag="p", grammar="P", low=0, high=1)
-
-
-def _count(suffix: str) -> tuple[ModuleParameter, ModuleParameter]:
-    return (
-        ModuleParameter(name="xi", flag="p", grammar="B" + suffix, low=0, high=10, integer=True, sampled_low=1),
-        ModuleParameter(name="eta", flag="w", grammar="W" + suffix, low=0, high=20),
-    )
-
-
-_GROUND = frozenset({"ground"})
-_NEIGHBOURS = frozenset({"neighbours"})
-
-
-def _both(number: int) -> dict[str, int]:
-    return {"watermelon": number, "chocolate": number}
-
-
-CONDITIONS = (
-    Module(
-        name="black floor",
-        label="BlackFloor",
-        function=black_floor,
-        numbers=_both(0),
-        reads=_GROUND,
-        parameters=(_beta(),),
-    ),
-    Module(
-        name="gray floor",
-        label="GrayFloor",
-        function=gray_floor,
-        numbers=_both(1),
-        reads=_GROUND,
-        parameters=(_beta(),),
-    ),
-    Module(
-        name="white floor",
-        label="WhiteFloor",
-        function=white_floor,
-        numbers=_both(2),
-        reads=_GROUND,
-        parameters=(_beta(),),
-    ),
-    Module(
-        name="neighbours count",
-        label="NeighborsCount",
-        function=neighbours_count,
-        numbers=_both(3),
-        reads=_NEIGHBOURS,
-        parameters=_count(""),
-    ),
-    Module(
-        name="inverted neighbours count",
-        label="InvertedNeighborsCount",
-        function=inverted_neighbours_count,
-        numbers=_both(4),
-        reads=_NEIGHBOURS,
-        parameters=_count("I"),
-    ),
-    Module(
-        name="fixed probability",
-        label="FixedProbability",
-        function=fixed_probability,
-        numbers=_both(5),
-        parameters=(_beta(),),
-    ),
-    Module(
-        name="floor colour",
-        label="ProbColor",
-        function=floor_colour,
-        numbers={"watermelon": 6},
-        reads=_GROUND,
-        colours=True,
-        parameters=(_beta(), ModuleParameter(name="label", flag="l", grammar="L", low=0, high=3, integer=True)),
-    ),
-)
-
-probability: Callable[..., float] = dispatcher(module.function for module in CONDITIONS)
-"""`probability(position in CONDITIONS, model, readings, parameters) -> probability`."""
+probability: Callable[..., None] = open_dispatcher("conditions", CONDITION_CALLS, like=like())
+"""`probability(position in CONDITIONS, model, readings, parameters, memory, found)`, which stores it in found[0]."""

@@ -1,21 +1,38 @@
-"""What a module is: a named behaviour or condition with its parameters, its number in each flavour and its function.
+"""What a module is: a behaviour or a condition that control software refers to by name.
 
-Everything that lists modules (text, grammar, dispatcher, diagram, docs, tests) is derived from the two tables
-`BEHAVIOURS` (behaviours.py) and `CONDITIONS` (conditions.py), whose rows are made of these.
+A module is one function, marked `@behaviour` or `@condition`, which is a kernel (see jit.py). Its signature says what
+its parameters are, the comments behind them their units and meaning, its docstring what it does. The marks enter it in
+BEHAVIOURS or CONDITIONS, of which texts, grammars, words, diagrams and tests are made. Flavours (flavour.py) say which
+of them there are and by which numbers; plugins add more.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+import inspect
+import re
+import typing
+from array import array
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, TypeVar
 
-MAX_PARAMETERS = 2
-"""No module has more parameters; rows of parameters are padded to this length."""
+from mercator_design.config.schema import Range, comments_of, origin_of, sentence_of, unit_of
+from mercator_design.jit import jittable
+from mercator_design.modules.perception import MutableRow, Row
+from mercator_design.modules.reference import OUTPUTS, Readings, ReferenceModel
+
+MAX_PARAMETERS = 6
+"""Largest number of parameters of a module."""
 
 SENSES = ("proximity", "neighbours", "ground", "light")
-"""What readings are made of. A robot may lack some; what an active state does not read is not sensed."""
+"""What readings are made of. A robot may lack some; what an active part does not read is not sensed."""
 
 PROXIMITY, NEIGHBOURS, GROUND, LIGHT = 1, 2, 4, 8
 """The bits of sets of senses, in the order of SENSES."""
+
+_FIRST = {"behaviour": ("model", "readings", "memory", "u"), "condition": ("model", "readings", "memory")}
+"""Parameters of all functions of a kind; those of the module follow."""
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def senses_bits(senses: Iterable[str]) -> int:
@@ -23,18 +40,33 @@ def senses_bits(senses: Iterable[str]) -> int:
     return sum(1 << SENSES.index(sense) for sense in set(senses))
 
 
+class Designed(NamedTuple):
+    """Says of a parameter how it is designed, where that is not evenly from its lowest to its highest value."""
+
+    low: float | None = None  # the lowest value that is designed, where a lower one is legal
+    log: bool = False  # whether simple machines and moves draw it evenly over its logarithm
+
+
+class Written(NamedTuple):
+    """Says how a parameter is called in AutoMoDe's texts; by default by its own name."""
+
+    flag: str  # letters of the command line: "rwm" in --rwm0
+    stem: str  # begin of its name in the parameter file: "RWM" in RWM0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleParameter:
     """A parameter of a module."""
 
     name: str
-    flag: str  # the letters of the AutoMoDe command line: "rwm" in --rwm0
-    grammar: str  # the stem of its name in AutoMoDe's parameter file: "RWM" in RWM0
+    flag: str  # see Written
+    stem: str  # see Written
     low: float
     high: float
     integer: bool = False
-    sampled_low: float | None = None  # the grammar samples from here, where `low` is legal but not designed
-    log: bool = False  # whether simple PFSMs and moves draw it evenly over its logarithm
+    sampled_low: float | None = None  # see Designed.low
+    log: bool = False  # see Designed
+    labels: tuple[str, ...] = ()  # what the integers from 0 mean, if they are numbers of something
 
     @property
     def domain(self) -> str:
@@ -51,36 +83,254 @@ class ModuleParameter:
         return self.low <= value <= self.high and (not self.integer or value == int(value))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownSwarm(NamedTuple):
+    """Known facts about the robots that run control software."""
+
+    cycle: float  # [s] control period
+    robots: int | None = None  # how many; None if it is not known
+
+
+@dataclass(frozen=True, kw_only=True)
 class Module:
     """A behaviour or a condition."""
 
     name: str
-    label: str  # as AutoMoDe's diagrams write it
+    kind: Literal["behaviour", "condition"]
     function: Callable[..., Any]
-    numbers: Mapping[str, int]  # flavour -> number in that flavour's text; absent where it does not exist
-    parameters: tuple[ModuleParameter, ...] = ()
-    reads: frozenset[str] = field(default_factory=frozenset)  # of SENSES
-    colours: bool = False  # whether its last parameter is the label of a colour, which the ground sensor has to see
+    parameters: tuple[ModuleParameter, ...]
+    reads: frozenset[str]  # of SENSES
+    sets: frozenset[str]  # of OUTPUTS
+    memory: int  # numbers that it keeps from cycle to cycle
+    label: str  # as AutoMoDe's diagrams write it
+    words: Callable[..., str] | None  # see `behaviour`
+    position: int  # in BEHAVIOURS or CONDITIONS
 
-    def __post_init__(self) -> None:
-        if len(self.parameters) > MAX_PARAMETERS:
-            raise ValueError(f"{self.name}: a module has at most {MAX_PARAMETERS} parameters; see Program")
+    def __reduce__(self) -> tuple[Callable[..., "Module"], tuple[str, str]]:
+        return module_of, (self.kind, self.name)
+
+    @property
+    def sentence(self) -> str:
+        """What it does, in a sentence."""
+        return sentence_of(self.function)
+
+    @cached_property
+    def meanings(self) -> dict[str, str]:
+        """The comments behind its parameters, by name."""
+        return comments_of(self.function)
+
+    def unit(self, parameter: str) -> str:
+        """The unit of a parameter; empty if it has none."""
+        return unit_of(self.function, parameter)
+
+    def probability(self, model: ReferenceModel, readings: Readings, parameters: Sequence[float]) -> float:
+        """The probability of a condition in its first cycle."""
+        memory = [0.0] * self.memory
+        return float(self.function(model, readings, memory, *parameters[: len(self.parameters)]))
+
+    @property
+    def needs_colours(self) -> bool:
+        """Whether its last parameter is the label of a colour of the ground."""
+        return self.labelled and "ground" in self.reads
+
+    @property
+    def labelled(self) -> bool:
+        """Whether its last parameter is a number of a label."""
+        return bool(self.parameters) and bool(self.parameters[-1].labels)
 
 
-def numbered(table: tuple[Module, ...], flavour: str) -> dict[int, Module]:
-    """The modules of a flavour by their number, in order of number.
+BEHAVIOURS: dict[str, Module] = {}
+CONDITIONS: dict[str, Module] = {}
+"""The modules by name, in order of their positions: those of this package come first."""
+
+Call = Callable[..., None]
+
+BEHAVIOUR_CALLS: list[Call] = []
+CONDITION_CALLS: list[Call] = []
+"""Kernels of one signature for all modules, in order of their positions."""
+
+_TABLES = {"behaviour": (BEHAVIOURS, BEHAVIOUR_CALLS), "condition": (CONDITIONS, CONDITION_CALLS)}
+
+
+def module_of(kind: str, name: str) -> Module:
+    """The module of a name."""
+    return _TABLES[kind][0][name]
+
+
+def behaviour(
+    *,
+    name: str = "",
+    label: str = "",
+    reads: Iterable[str] = (),
+    sets: Iterable[str] = ("wheels",),
+    memory: int = 0,
+    words: Callable[..., str] | None = None,
+) -> Callable[[F], F]:
+    """Enter a kernel `f(model, readings, memory, u, *parameters) -> Actions` in BEHAVIOURS, and return it unchanged.
+
+    Args:
+        name: Its name in files; by default that of the function, with blanks.
+        label: As diagrams write it; by default the name.
+        reads: The senses that it reads, of SENSES; all others have neutral readings.
+        sets: The outputs that it sets, of OUTPUTS.
+        memory: How many numbers it keeps from cycle to cycle: `memory[0]` and so on, zero when it begins.
+        words: A function of (KnownSwarm, *parameters) that says what a robot does: "stands still". By default a
+            sentence is made of the docstring.
 
     Raises:
-        ValueError: Two of them have one number.
+        ValueError: if the function, its parameters or these arguments are not as they should be.
     """
-    modules = [module for module in table if flavour in module.numbers]
-    found = {module.numbers[flavour]: module for module in modules}
-    if len(found) < len(modules):
-        raise ValueError(f"{flavour}: two modules have one number: {[module.name for module in modules]}")
-    return dict(sorted(found.items()))
+    return lambda function: _entered("behaviour", function, name, label, reads, sets, memory, words)
 
 
-def named(table: tuple[Module, ...]) -> dict[str, int]:
-    """Position in the table by name."""
-    return {module.name: position for position, module in enumerate(table)}
+def condition(
+    *,
+    name: str = "",
+    label: str = "",
+    reads: Iterable[str] = (),
+    memory: int = 0,
+    words: Callable[..., str] | None = None,
+) -> Callable[[F], F]:
+    """Enter a kernel `f(model, readings, memory, *parameters) -> probability` in CONDITIONS, and return it unchanged.
+
+    Arguments and errors are those of `behaviour`; `words` say with which probability the condition holds, and where.
+    """
+    return lambda function: _entered("condition", function, name, label, reads, (), memory, words)
+
+
+def _entered(
+    kind: Literal["behaviour", "condition"],
+    function: F,
+    name: str,
+    label: str,
+    reads: Iterable[str],
+    sets: Iterable[str],
+    memory: int,
+    words: Callable[..., str] | None,
+) -> F:
+    table, calls = _TABLES[kind]
+    name = name or function.__name__.replace("_", " ").strip()
+    for given, known, what in ((reads, SENSES, "senses"), (sets, OUTPUTS, "outputs")):
+        if unknown := sorted({*given} - {*known}):
+            raise ValueError(f"{name}: expected {what} of {', '.join(known)}, found {', '.join(unknown)}")
+    if (taken := BEHAVIOURS.get(name) or CONDITIONS.get(name)) is not None:
+        raise ValueError(f"a {taken.kind} is called '{name}' already, in {taken.function.__code__.co_filename}")
+    if memory < 0:
+        raise ValueError(f"{name}: memory: expected a number of at least 0, found {memory}")
+    module = Module(
+        name=name,
+        kind=kind,
+        function=function,
+        parameters=_parameters(kind, name, function),
+        reads=frozenset(reads),
+        sets=frozenset(sets),
+        memory=memory,
+        label=label or name,
+        words=words,
+        position=len(table),
+    )
+    calls.append(jittable(_call(module)))
+    table[name] = module
+    jittable(function)
+    return function
+
+
+def _parameters(kind: str, name: str, function: Callable[..., Any]) -> tuple[ModuleParameter, ...]:
+    """The parameters of a module, from the signature of its function."""
+    names = [*inspect.signature(function).parameters]
+    first = _FIRST[kind]
+    if tuple(names[: len(first)]) != first:
+        raise ValueError(f"{name}: expected {function.__name__}({', '.join(first)}, ...), found ({', '.join(names)})")
+    own = names[len(first) :]
+    if len(own) > MAX_PARAMETERS:
+        raise ValueError(f"{name}: expected at most {MAX_PARAMETERS} parameters, found {len(own)}")
+    hints = typing.get_type_hints(function, include_extras=True)
+    return tuple(_parameter(name, each, hints.get(each)) for each in own)
+
+
+def _parameter(module: str, name: str, kind: Any) -> ModuleParameter:  # noqa: ANN401 - an annotation
+    extras: Sequence[Any] = getattr(kind, "__metadata__", ())
+    base = typing.get_args(kind)[0] if extras else kind
+    token = next((one for one in extras if isinstance(one, Written)), Written(name, _stem(module, name)))
+    designed = next((one for one in extras if isinstance(one, Designed)), Designed())
+    if not re.fullmatch(r"[a-z]+", token.flag):
+        raise ValueError(f"{module}: parameter {name}: expected a name of the letters a to z")
+    labels: tuple[str, ...] = ()
+    if origin_of(base) is Literal:
+        labels, base = typing.get_args(base), int
+        domain = Range(0, len(labels) - 1)
+    else:
+        domain = next((one for one in extras if isinstance(one, Range)), Range())
+    if base not in {int, float} or not -1e9 <= domain.low < domain.high <= 1e9:
+        raise ValueError(
+            f"{module}: parameter {name}: expected Annotated[float, Range(lowest, highest)], the same of int, or a "
+            f"Literal of words"
+        )
+    return ModuleParameter(
+        name=name,
+        flag=token.flag,
+        stem=token.stem,
+        low=domain.low,
+        high=domain.high,
+        integer=base is int,
+        sampled_low=designed.low,
+        log=designed.log,
+        labels=labels,
+    )
+
+
+def _stem(module: str, parameter: str) -> str:
+    return re.sub(r"[^A-Z]", "", f"{module}{parameter}".upper())
+
+
+_TAKEN: tuple[Callable[..., Any], ...] = (
+    lambda _: (),
+    lambda p: (p[0],),
+    lambda p: (p[0], p[1]),
+    lambda p: (p[0], p[1], p[2]),
+    lambda p: (p[0], p[1], p[2], p[3]),
+    lambda p: (p[0], p[1], p[2], p[3], p[4]),
+    lambda p: (p[0], p[1], p[2], p[3], p[4], p[5]),
+)
+for _n, _take in enumerate(_TAKEN):
+    _take.__qualname__ = _take.__name__ = f"first_{_n}"
+    jittable(_take)
+
+
+def like(**draw: float) -> tuple[Any, ...]:
+    """Arguments of the types that compiled code passes to the kernels of modules."""
+    row = memoryview(array("d", [0.0]))
+    return ReferenceModel(), Readings(), row, row, *draw.values(), row
+
+
+def _call(module: Module) -> Call:
+    """The kernel that gives a module's function its parameters one by one, and stores what it returns."""
+    function, taken = module.function, _TAKEN[len(module.parameters)]
+
+    def call_behaviour(
+        model: ReferenceModel,
+        readings: Readings,
+        parameters: Row,
+        memory: MutableRow,
+        u: float,
+        actions: MutableRow,
+    ) -> None:
+        found = function(model, readings, memory, u, *taken(parameters))
+        actions[0] = found.left
+        actions[1] = found.right
+        if found.led_colour >= 0.0:
+            actions[2] = found.led_colour
+        actions[3] = found.signal
+
+    def call_condition(
+        model: ReferenceModel,
+        readings: Readings,
+        parameters: Row,
+        memory: MutableRow,
+        found: MutableRow,
+    ) -> None:
+        found[0] = function(model, readings, memory, *taken(parameters))
+
+    call = call_behaviour if module.kind == "behaviour" else call_condition
+    # Compiled code links kernels by their names.
+    call.__qualname__ = call.__name__ = f"call_{module.kind}_{re.sub(r'[^a-zA-Z0-9]', '_', module.name)}"
+    return call

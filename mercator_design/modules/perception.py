@@ -1,23 +1,29 @@
 """From what single sensors measure to the reference model's readings, the same in simulation and on the robot."""
 
 import math
-from typing import Any, Protocol
+from array import array
+from typing import Any, Protocol, cast
 
 from mercator_design.jit import jittable
 from mercator_design.modules.reference import Readings, ReferenceModel
 
 
 class Row(Protocol):
-    """Numbers that can be counted and indexed: a tuple or list in plain Python, an array in compiled code."""
+    """Numbers that can be counted, indexed and sliced: a tuple or list in plain Python, an array in compiled code."""
 
     def __len__(self) -> int: ...
-    def __getitem__(self, index: int, /) -> Any: ...  # noqa: ANN401 - numpy says so of its elements
+    def __getitem__(self, index: Any, /) -> Any: ...  # noqa: ANN401 - numpy says so of its elements
 
 
 class MutableRow(Row, Protocol):
     """A row that a kernel may write to: a list, or an array."""
 
     def __setitem__(self, index: int, value: float, /) -> None: ...
+
+
+def new_row(n: int) -> MutableRow:
+    """A row of n zeros; slices of it are views, as those of arrays in compiled code."""
+    return cast("MutableRow", memoryview(array("d", bytes(8 * n))))
 
 
 @jittable

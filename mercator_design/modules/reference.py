@@ -7,6 +7,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from mercator_design.config.schema import Range
+from mercator_design.jit import jittable
 
 Constant = Annotated[float, Range(-1e9, 1e9)]
 NonNegative = Annotated[float, Range(0.0, 1e9)]
@@ -32,11 +33,33 @@ class Readings(NamedTuple):
     light_y: float = 0.0
 
 
-class Wheels(NamedTuple):
-    """Speeds of the left and right tread, as fractions -1 to 1 of the robot's maximum speed."""
+class Actions(NamedTuple):
+    """What a robot does in one control cycle."""
 
-    left: float
-    right: float
+    left: float  # speed of the left tread, as a fraction -1 to 1 of the robot's maximum speed
+    right: float  # of the right tread
+    led_colour: float  # 0 off, 1 green, 2 blue, 3 red, 4 yellow, 5 magenta, 6 cyan: all LEDs; -1: as they were
+    signal: float  # 0 to 7, sent to other robots in this cycle; 0: none
+
+
+ACTIVE = 0
+"""Place in a controller's memory of the number of the active part, such as the state of a PFSM."""
+
+SCRATCH = len(Actions._fields)
+ACTIONS = SCRATCH + 1
+"""Length of a row of Actions, behind which there is a place for what a condition returns."""
+
+OUTPUTS = ("wheels", "led_colour", "signal")
+"""What a behaviour may set."""
+
+LED_COLOURS = ("off", "green", "blue", "red", "yellow", "magenta", "cyan")
+"""What `Actions.led_colour` means (AutoMoDe-TuttiFrutti)."""
+
+
+@jittable
+def drive(left: float, right: float) -> Actions:
+    """Drive, and leave the LEDs as they were."""
+    return Actions(left, right, -1.0, 0.0)
 
 
 class ReferenceModel(NamedTuple):

@@ -10,8 +10,8 @@ from typing import Any, Self
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.architecture import Software
 from mercator_design.race.elimination.summary import Headline, Scores
 from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
@@ -29,6 +29,7 @@ from mercator_design.results.listing import run_of
 from mercator_design.results.provenance import Provenance
 from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.software.architectures import decoded
 
 MAX_ELITES = 8
 """Maximum number of elites that are compared."""
@@ -153,11 +154,16 @@ class Facts:
         """The scores of a configuration in the race."""
         return Scores(tuple(self.view.scores(configuration).values()), self.possible_scores)
 
-    def pfsm(self, configuration: int) -> Pfsm | None:
-        """The PFSM of a configuration, if PFSMs were raced."""
+    def software(self, configuration: int) -> Software | None:
+        """The control software of a configuration, if control software was raced."""
         if self.start["task"] != "mission":
             return None
-        return to_pfsm(self.record.configurations[configuration], self.start["flavour"])
+        return decoded(self.record.configurations[configuration], self.start["flavour"])
+
+    def pfsm(self, configuration: int) -> Pfsm | None:
+        """The PFSM of a configuration, if PFSMs were raced."""
+        software = self.software(configuration)
+        return software if isinstance(software, Pfsm) else None
 
     @property
     def winner_file(self) -> str:

@@ -14,7 +14,7 @@ from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.trace import Trace
 from mercator_design.results.experiments.experiment import ShownExperiment
-from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.machines.picture import software_svg
 from mercator_design.sim.robot_model import RobotModel
 
 Replay: TypeAlias = dict[str, Any]
@@ -81,7 +81,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "zones": _zone_names(trace),
         "colours": [hex_of(*colour) for colour in STATE_COLOURS],
         "machines": [
-            {"states": shown.state_names(k), "diagram": diagram_svg(shown.pfsms[k], narrow=True)} for k in pfsms
+            {"states": shown.state_names(k), "diagram": software_svg(shown.pfsms[k], narrow=True)} for k in pfsms
         ],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),

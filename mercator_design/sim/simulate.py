@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from mercator_design.errors import FsmError, MissionError, SimulationError
-from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import reporting_kernels
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import ControlProgram, Software
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.seeds import generator
@@ -20,10 +22,13 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import SPACE, new_bridge, take_down
 from mercator_design.sim.kernels.scene import Scene
-from mercator_design.sim.kernels.swarm import History, Swarm, new_history
+from mercator_design.sim.kernels.swarm import History, Swarm, controlled, new_history
 from mercator_design.sim.referee import referee_experiment
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.world import Instance, World
+from mercator_design.software.architectures import architecture_of
+
+T = TypeVar("T", bound=Any)
 
 _DRAWN_WORLDS = 64
 _PROGRAMS = 1024
@@ -43,6 +48,16 @@ class Outcome:
         return self.recording.history
 
 
+class Tables(NamedTuple):
+    """What an experiment needs of control software."""
+
+    program: Any  # a named tuple of arrays, as the architecture's kernel takes
+    memory: int  # numbers that it keeps for each robot
+    draws: int  # that it makes in a cycle
+    reads: frozenset[str]  # the senses
+    flavour: Flavour
+
+
 @dataclass(frozen=True, slots=True)
 class PreparedExperiment:
     """An experiment before its loop: `run` and `outcome` follow, once each."""
@@ -50,15 +65,17 @@ class PreparedExperiment:
     mission: Mission
     seed: int
     instance: Instance
-    program: Program
+    tables: Tables
     history: History
 
     def run(self, *, referee: bool = False) -> None:
         """Run the loop; arguments and errors are those of `Simulator.run`."""
-        instance = self.instance
+        instance, tables = self.instance, self.tables
         loop = referee_experiment if referee or not jit_wanted() else _compiled
+        model = tables.flavour.reference_model(instance.robot_model.reference_model)
+        swarm = controlled(instance.swarm, memory=tables.memory, draws=tables.draws)
         with reporting_kernels([each.name for each in self.mission.floor.dynamics]):
-            loop(instance.scene, instance.robot_model.reference_model, self.program, instance.swarm, self.history)
+            loop(instance.scene, model, tables.program, swarm, self.history)
 
     def outcome(self) -> Outcome:
         """The outcome, after the loop; errors are those of `Simulator.run`."""
@@ -110,42 +127,43 @@ class Simulator:
     def _draw_world(self, seed: int) -> World:
         return World(self.mission, self.robot_model.drawn(generator(seed, "robot model")))
 
-    def run(self, pfsm: Pfsm, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
+    def run(self, software: Software, seed: int, *, record: bool = False, referee: bool = False) -> Outcome:
         """Run one experiment.
 
         Args:
-            pfsm: The control software of every robot.
+            software: The control software of every robot.
             seed: The seed of the instance: floor, starting poses and all draws depend on it.
             record: Whether to keep the readings, draws and wheel commands of the robots.
             referee: Whether to step through pymunk's public functions from Python instead of in one compiled call;
                 the outcome is the same to the last bit. Plain Python (NUMBA_DISABLE_JIT=1) always does.
 
         Raises:
-            FsmError: if the PFSM needs a sensor that the robot lacks.
+            FsmError: if it needs a sensor that the robot lacks.
             MissionError: if the robots do not fit, or the objective fails.
             SimulationError: if a robot's final pose is not finite.
         """
-        prepared = self.prepare(pfsm, seed, record=record)
+        prepared = self.prepare(software, seed, record=record)
         prepared.run(referee=referee)
         return prepared.outcome()
 
-    def prepare(self, pfsm: Pfsm, seed: int, *, record: bool = False) -> PreparedExperiment:
+    def prepare(self, software: Software, seed: int, *, record: bool = False) -> PreparedExperiment:
         """All that comes before the compiled loop of `run`; arguments and errors are those of `run`."""
-        program, reads = _tables(pfsm)
-        if not reads <= self._senses:
-            self.check(pfsm)
-        return self._prepared(seed, program, self.mission.cycles, everything=record)
+        tables = tables_of(software)
+        if not tables.reads <= self._senses:
+            self.check(software)
+        return self._prepared(seed, tables, self.mission.cycles, everything=record)
 
-    def _prepared(self, seed: int, program: Program, cycles: int, *, everything: bool) -> PreparedExperiment:
-        history = new_history(cycles, self.mission.robots, everything=everything)
-        return PreparedExperiment(self.mission, seed, self.instance(seed), program, history)
+    def _prepared(self, seed: int, tables: Tables, cycles: int, *, everything: bool) -> PreparedExperiment:
+        history = new_history(cycles, self.mission.robots, everything=everything, draws=tables.draws)
+        return PreparedExperiment(self.mission, seed, self.instance(seed), tables, history)
 
-    def rehearse(self, announce: Callable[[str], None], cycles: int = 1) -> Recording:
+    def rehearse(self, announce: Callable[[str], None], cycles: int = 1, flavour: str = DEFAULT_FLAVOUR) -> Recording:
         """Run the first cycles of an experiment: check that the robots fit, and compile what is not compiled yet.
 
         Args:
             announce: Called with a message if there is something to compile.
             cycles: How many.
+            flavour: The flavour of the control software that will run.
 
         Returns:
             The recording of these cycles.
@@ -156,7 +174,7 @@ class Simulator:
         """
         with announced(lambda: announce(compiling("the simulator"))):
             self.check_placement()
-            prepared = self._prepared(0, program_arrays(Pfsm((State("stop"),))), cycles, everything=True)
+            prepared = self._prepared(0, tables_of(architecture_of(flavour).simplest(flavour)), cycles, everything=True)
             prepared.run()
             return prepared.outcome().recording
 
@@ -169,14 +187,15 @@ class Simulator:
         for seed in range(10):
             self.instance(seed)
 
-    def check(self, pfsm: Pfsm) -> None:
-        """Check that the robot has the senses that a PFSM needs.
+    def check(self, software: Software) -> None:
+        """Check that the robot has the senses that control software needs.
 
         Raises:
             FsmError: naming the module and the sense.
         """
-        for place, one in pfsm.nodes:
+        for place, one in software.nodes:
             self.check_module(one.module, place)
+        self._check_senses(software.reads, software.flavour)
 
     def check_module(self, module: Module, place: str) -> None:
         """Check that the robot has the senses that a module reads.
@@ -184,12 +203,12 @@ class Simulator:
         Raises:
             FsmError: naming the module and the sense.
         """
-        missing = sorted(module.reads - self._senses)
-        if missing:
+        self._check_senses(module.reads, f"{place}: {module.name}")
+
+    def _check_senses(self, reads: frozenset[str], what: str) -> None:
+        if missing := sorted(reads - self._senses):
             needed = " and ".join(missing)
-            raise FsmError(
-                f"{place}: {module.name} needs {needed}, which robot {self.robot_model.name} does not perceive"
-            )
+            raise FsmError(f"{what} needs {needed}, which robot {self.robot_model.name} does not perceive")
 
 
 def robot_model_of(mission: Mission) -> RobotModel:
@@ -206,22 +225,25 @@ def robot_model_of(mission: Mission) -> RobotModel:
 
 
 @lru_cache(_PROGRAMS)
-def _tables(pfsm: Pfsm) -> tuple[Program, frozenset[str]]:
-    """The tables of a PFSM, and the senses that it reads."""
-    return program_arrays(pfsm), pfsm.reads
+def tables_of(software: Software) -> Tables:
+    """The tables of control software, for compiled code, which does not change them."""
+    program = software.program()
+    return Tables(_arrays(program), program.memory, software.draws, software.reads, flavour_of(software.flavour))
 
 
-def program_arrays(pfsm: Pfsm) -> Program:
-    """The tables of a PFSM as arrays, for compiled code, which does not change them."""
-    kinds = {"behaviour_parameters": np.float64, "condition_parameters": np.float64}
+def _arrays(table: T) -> T:
+    """A named tuple of rows, with arrays instead."""
     arrays = [
-        np.array(table, dtype=kinds.get(name, np.int64))
-        for name, table in zip(Program._fields, pfsm.program(), strict=True)
+        _arrays(row)
+        if hasattr(row, "_fields")
+        else np.array(row, dtype=np.float64 if name == "parameters" else np.int64)
+        for name, row in zip(table._fields, table, strict=True)
     ]
-    return Program(*arrays)
+    made: T = type(table)(*arrays)
+    return made
 
 
-def _compiled(scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History) -> None:
+def _compiled(scene: Scene, model: ReferenceModel, program: ControlProgram, swarm: Swarm, history: History) -> None:
     """The whole experiment in one compiled call."""
     bridge = new_bridge(scene.physics, len(swarm.poses))
     try:

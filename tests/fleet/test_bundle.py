@@ -15,7 +15,7 @@ import pytest
 from mercator_design import __version__
 from mercator_design.fleet import bundle as bundling
 from mercator_design.fleet.bundle import bundle
-from mercator_design.fsm.digest import control_digest
+from mercator_design.software.digest import control_digest
 from tests.robot.devices import Devices
 from tests.robot.ways import in_time
 

@@ -4,11 +4,14 @@ import re
 
 from hypothesis import strategies as st
 
-from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import Module, numbered
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.module import Module
 from mercator_design.modules.reference import Readings
+
+FLAVOURS = ("watermelon", "chocolate")
+MAX_STATES = MAX_TRANSITIONS = 4
+DRAWS = 1 + 2 * MAX_TRANSITIONS
 
 CHANNEL = st.one_of(st.integers(0, 255).map(float), st.floats(0, 255))
 READINGS = st.builds(
@@ -43,8 +46,8 @@ def values(module: Module) -> st.SearchStrategy[tuple[float, ...]]:
 @st.composite
 def pfsms(draw, flavours=FLAVOURS):
     flavour = draw(st.sampled_from(flavours))
-    behaviours = list(numbered(BEHAVIOURS, flavour).values())
-    conditions = list(numbered(CONDITIONS, flavour).values())
+    behaviours = list(flavour_of(flavour).numbered("behaviour").values())
+    conditions = list(flavour_of(flavour).numbered("condition").values())
     n = draw(st.integers(1, MAX_STATES))
     states = []
     for i in range(n):

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm import Controller, Readings, Wheels, parse
-from mercator_design.fsm.control import DRAWS, MEMORY, STATE, control_cycle
-from mercator_design.modules.reference import ReferenceModel
-from tests.fsm.strategies import DRAW, READINGS, pfsms
+from mercator_design.fsm import Readings, drive, parse
+from mercator_design.fsm.control import STATE, control_cycle, transition_taken
+from mercator_design.modules.perception import new_row
+from mercator_design.modules.reference import ACTIONS, ReferenceModel
+from mercator_design.software import Controller
+from tests.fsm.strategies import DRAW, DRAWS, READINGS, pfsms
 
 NEVER = [0.999999] * DRAWS  # fires nothing below probability one
 ALWAYS = [0.0] * DRAWS
@@ -31,7 +33,7 @@ def test_the_first_cycle_in_a_state_tests_nothing():
 def test_the_new_behaviour_acts_in_the_next_cycle():
     controller = Controller(parse("--nstates 2 --s0 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 1 --s1 0 --rwm1 5"))
     wheels = [controller.step(Readings(), NEVER) for _ in range(4)]
-    assert wheels == [Wheels(0, 0), Wheels(0, 0), Wheels(1, 1), Wheels(1, 1)]
+    assert wheels == [drive(0, 0), drive(0, 0), drive(1, 1), drive(1, 1)]
 
 
 def test_probability_zero_never_and_one_always_fires():
@@ -54,10 +56,10 @@ def test_a_turn_does_not_outlive_its_state():
     controller = Controller(parse("--nstates 2 --s0 0 --rwm0 100 --n0 1 --n0x0 0 --c0x0 0 --p0x0 1 --s1 0 --rwm1 100"))
     black = Readings(proximity_x=1.0, ground_red=0.0, ground_green=0.0, ground_blue=0.0)
     long_turn = [0.9] * DRAWS
-    assert controller.step(Readings(proximity_x=1.0), long_turn) == Wheels(1, 1)
-    assert controller.step(black, long_turn) == Wheels(1, -1)
+    assert controller.step(Readings(proximity_x=1.0), long_turn) == drive(1, 1)
+    assert controller.step(black, long_turn) == drive(1, -1)
     assert controller.state == 1
-    assert controller.step(Readings(), long_turn) == Wheels(1, 1)
+    assert controller.step(Readings(), long_turn) == drive(1, 1)
 
 
 FOUR = (
@@ -78,9 +80,9 @@ def test_transitions_are_tested_in_random_order(probabilities):
     visits = 10_000
     counts = Counter()
     for _ in range(visits):
-        memory = [0.0] * MEMORY
-        control_cycle(model, program, readings, memory, NEVER)
-        control_cycle(model, program, readings, memory, [generator.random() for _ in range(DRAWS)])
+        memory, actions = new_row(program.memory), new_row(ACTIONS)
+        control_cycle(model, program, readings, memory, NEVER, actions)
+        control_cycle(model, program, readings, memory, [generator.random() for _ in range(DRAWS)], actions)
         counts[int(memory[STATE])] += 1
     expected = _shares(probabilities, targets=(1, 2, 3, 1))
     for state in range(4):
@@ -131,7 +133,7 @@ def test_the_transition_that_is_taken_leads_to_the_next_state(pfsm, cycles):
     for readings, draws in cycles:
         state = controller.state
         controller.step(readings, draws)
-        taken = controller.transition(state, readings, draws)
+        taken = transition_taken(pfsm, ReferenceModel(), state, readings, draws)
         if controller.state != state:
             assert taken in pfsm.states[state].transitions
             assert taken.target == controller.state
@@ -142,7 +144,6 @@ def test_the_transition_that_is_taken_leads_to_the_next_state(pfsm, cycles):
 
 def test_which_of_two_transitions_to_one_state_is_taken():
     pfsm = parse("--nstates 2 --s0 1 --n0 2 --n0x0 0 --c0x0 0 --p0x0 1 --n0x1 0 --c0x1 2 --p0x1 1 --s1 1")
-    controller = Controller(pfsm)
     for level, condition in ((0.0, "black floor"), (255.0, "white floor")):
-        assert controller.transition(0, Readings(0, 0, 0, 0, 0, *[level] * 3), NEVER).condition == condition
-    assert controller.state == 0
+        ground = Readings(ground_red=level, ground_green=level, ground_blue=level)
+        assert transition_taken(pfsm, ReferenceModel(), 0, ground, NEVER).condition == condition

@@ -4,7 +4,6 @@ import json
 import random
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import pytest
 import yaml
@@ -13,18 +12,17 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from mercator_design.config.json_schema import json_schema
-from mercator_design.config.schema import parameters_of
 from mercator_design.errors import FsmError
-from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text, read_fsm
-from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.fsm.yaml_form import NamedPfsm, parse_yaml
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS
-from mercator_design.modules.module import numbered
-from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS
-from tests.fsm.strategies import OF_NAME, WORD, pfsms
+from mercator_design.modules.conditions import COLOUR_LABELS
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, KnownSwarm
+from mercator_design.modules.words import module_words
+from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text, read_fsm
+from tests.fsm.strategies import FLAVOURS, MAX_STATES, MAX_TRANSITIONS, OF_NAME, WORD, pfsms
 from tests.tiers import cases, some
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
@@ -50,15 +48,15 @@ NAME = st.builds(
 
 def from_yaml(text, flavour=None, **given):
     named = parse_yaml(text, "fsm.yaml", flavour, **given)
-    return FsmFile(pfsm=named.pfsm(**given), header=named.header or {}, names=named.names)
+    return FsmFile(software=named.pfsm(**given), header=named.header or {}, names=named.names)
 
 
 def random_file(draws: random.Random) -> FsmFile:
     """Any PFSM, with names or without, with a header or without."""
     flavour = draws.choice(FLAVOURS)
 
-    def made(table):
-        module = draws.choice(list(numbered(table, flavour).values()))
+    def made(kind):
+        module = draws.choice(list(flavour_of(flavour).numbered(kind).values()))
         return module.name, tuple(
             float(draws.randint(int(p.low), int(p.high))) if p.integer else round(draws.uniform(p.low, p.high), digits)
             for p in module.parameters
@@ -69,12 +67,12 @@ def random_file(draws: random.Random) -> FsmFile:
     for i in range(n):
         others = [k for k in range(n) if k != i]
         m = draws.randint(0, MAX_TRANSITIONS) if others else 0
-        edges = (Transition(*made(CONDITIONS), draws.choice(others)) for _ in range(m))
-        states.append(State(*made(BEHAVIOURS), tuple(edges)))
+        edges = (Transition(*made("condition"), draws.choice(others)) for _ in range(m))
+        states.append(State(*made("behaviour"), tuple(edges)))
     words = ["no", "1", "1e5", "null", "a b", "x.y", "é", "2024-01-01", "~a".strip("~"), "state_1"]
     names = tuple(draws.sample(words, n)) if draws.random() < 0.5 else ()
     header = {"mission": "home", "set": '["robots=4"]', "score": "2.97 (mean)"} if draws.random() < 0.5 else {}
-    return FsmFile(pfsm=Pfsm(tuple(states), flavour), header=header, names=names)
+    return FsmFile(software=Pfsm(tuple(states), flavour), header=header, names=names)
 
 
 def check_round_trip(file: FsmFile, path: Path) -> None:
@@ -88,14 +86,14 @@ def check_round_trip(file: FsmFile, path: Path) -> None:
 @pytest.mark.parametrize("flavour", some(FLAVOURS, 1))
 def test_published_controllers_round_trip(flavour, tmp_path):
     for line in PUBLISHED[flavour].values():
-        file = FsmFile(pfsm=parse(line, flavour), header={"mission": "home"})
+        file = FsmFile(software=parse(line, flavour), header={"mission": "home"})
         check_round_trip(file, tmp_path / "fsm.txt")
         SCHEMA.validate(yaml.safe_load(fsm_yaml_text(file)))
 
 
 @given(pfsms(), st.lists(NAME, min_size=MAX_STATES, max_size=MAX_STATES, unique=True), st.booleans())
 def test_any_pfsm_round_trips(pfsm, names, named):
-    file = FsmFile(pfsm=pfsm, header={}, names=tuple(names[: len(pfsm.states)]) if named else ())
+    file = FsmFile(software=pfsm, header={}, names=tuple(names[: len(pfsm.states)]) if named else ())
     assert from_yaml(fsm_yaml_text(file)) == file
     SCHEMA.validate(yaml.safe_load(fsm_yaml_text(file)))
 
@@ -113,12 +111,13 @@ def test_some_of_these_round_trip(tmp_path):
         check_round_trip(random_file(draws), tmp_path / "fsm.txt")
 
 
-def test_each_module_has_words_with_its_parameters():
-    for table, words in ((BEHAVIOURS, BEHAVIOUR_WORDS), (CONDITIONS, CONDITION_WORDS)):
-        assert [module.name for module in table] == list(words)
-        for module in table:
-            assert list(parameters_of(words[module.name])) == [p.name for p in module.parameters]
-    assert get_args(parameters_of(CONDITION_WORDS["floor colour"])["label"][0]) == COLOUR_LABELS
+def test_each_module_has_words_and_comments_for_its_parameters():
+    swarm = KnownSwarm(cycle=0.1, robots=4)
+    for module in (*BEHAVIOURS.values(), *CONDITIONS.values()):
+        assert module.sentence
+        assert list(module.meanings) == [parameter.name for parameter in module.parameters]
+        assert module_words(module, tuple(parameter.low for parameter in module.parameters), swarm)
+    assert CONDITIONS["floor colour"].parameters[-1].labels == COLOUR_LABELS
 
 
 def test_the_content_decides_how_a_file_is_read(tmp_path):
@@ -177,7 +176,9 @@ def test_no_text_makes_the_reader_fail_otherwise():
         random.Random(4),
         ["x", "1", "[", "&a", "*a", "!!python/object:os.system", "<script>", "\u202e", "\x1b[2J"],
     )
-    lines = fsm_yaml_text(FsmFile(pfsm=parse(PUBLISHED["watermelon"]["W9"]), header={"mission": "home"})).splitlines()
+    lines = fsm_yaml_text(
+        FsmFile(software=parse(PUBLISHED["watermelon"]["W9"]), header={"mission": "home"})
+    ).splitlines()
     outcomes: set[object] = set()
     for _ in range(200):
         changed = lines.copy()
@@ -204,7 +205,7 @@ def test_all_mistakes_are_reported_at_once():
 
 def test_lenient_files_may_leave_domains(tmp_path):
     line = "--nstates 2 --s0 2 --att0 50 --n0 1 --n0x0 0 --c0x0 6 --p0x0 1.5 --l0x0 7 --s1 1"
-    file = FsmFile(pfsm=parse(line, tolerate=lambda _: None), header={})
+    file = FsmFile(software=parse(line, tolerate=lambda _: None), header={})
     path = tmp_path / "fsm.yaml"
     path.write_text(fsm_yaml_text(file))
     heard: list[str] = []

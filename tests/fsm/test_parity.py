@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.control import DRAWS, MEMORY, Controller, control_cycle
+from mercator_design.fsm.control import control_cycle
 from mercator_design.jit import compiled
-from mercator_design.modules.behaviours import BEHAVIOURS, behave, strength, wheels_from_vector
+from mercator_design.modules.behaviours import behave, strength, wheels_from_vector
 from mercator_design.modules.clustering import lidar_neighbours, neighbours_in_hits
-from mercator_design.modules.conditions import CONDITIONS, colour_label, ground_level, logistic, probability
+from mercator_design.modules.conditions import colour_label, ground_level, logistic, probability
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
 from mercator_design.modules.perception import (
     gray_level,
     ground_by_vote,
@@ -22,9 +23,10 @@ from mercator_design.modules.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.modules.reference import NonNegative, ReferenceModel
-from mercator_design.sim.simulate import program_arrays
-from tests.fsm.strategies import DRAW, READINGS, pfsms, values
+from mercator_design.modules.reference import ACTIONS, SCRATCH, NonNegative, ReferenceModel
+from mercator_design.sim.simulate import tables_of
+from mercator_design.software import Controller
+from tests.fsm.strategies import DRAW, DRAWS, READINGS, pfsms, values
 
 pytestmark = pytest.mark.together("parity")  # compiled once
 
@@ -59,40 +61,39 @@ MODELS = st.sampled_from(
 )
 
 
-def behaving(position, model, readings, parameters, memory, u):
+def behaving(position, model, readings, parameters, memory, u, actions):
     """An entry to the dispatcher, compiled as the engine is."""
-    return behave(position, model, readings, parameters, memory, u)
+    behave(position, model, readings, parameters, memory, u, actions)
 
 
-def probable(position, model, readings, parameters):
-    return probability(position, model, readings, parameters)
+def probable(position, model, readings, parameters, memory, found):
+    probability(position, model, readings, parameters, memory, found)
 
 
-@pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda m: m.name)
+@pytest.mark.parametrize("module", BEHAVIOURS.values(), ids=lambda m: m.name)
 @given(data=st.data())
 def test_behaviours(module, data):
-    position = BEHAVIOURS.index(module)
-    parameters = (*data.draw(values(module)), 0.0, 0.0)[:2]
+    parameters = [float(value) for value in data.draw(values(module))]
     model, readings, u = data.draw(MODELS), data.draw(READINGS), data.draw(DRAW)
-    memory = [0.0, 1.0, data.draw(st.integers(0, 100).map(float)), data.draw(st.sampled_from([-1.0, 1.0]))]
-    plain_memory = list(memory)
-    compiled_memory = np.array(memory)
-    plain = behave(position, model, readings, parameters, plain_memory, u)
-    fast = compiled(behaving)(position, model, readings, tuple(map(float, parameters)), compiled_memory, u)
-    assert tuple(fast) == tuple(plain)
-    assert compiled_memory.tolist() == plain_memory
-    assert all(-1.0 <= wheel <= 1.0 for wheel in plain)
+    plain_memory = [data.draw(st.integers(0, 100).map(float)), data.draw(st.sampled_from([-1.0, 1.0]))]
+    memory, plain, fast = np.array(plain_memory), [0.0] * ACTIONS, np.zeros(ACTIONS)
+    behave(module.position, model, readings, parameters, plain_memory, u, plain)
+    compiled(behaving)(module.position, model, readings, np.array(parameters), memory, u, fast)
+    assert fast.tolist() == plain
+    assert memory.tolist() == plain_memory
+    assert all(-1.0 <= wheel <= 1.0 for wheel in plain[:2])
 
 
-@pytest.mark.parametrize("module", CONDITIONS, ids=lambda m: m.name)
+@pytest.mark.parametrize("module", CONDITIONS.values(), ids=lambda m: m.name)
 @given(data=st.data())
 def test_conditions_are_probabilities(module, data):
-    position = CONDITIONS.index(module)
-    parameters = (*data.draw(values(module)), 0.0, 0.0)[:2]
+    parameters = [float(value) for value in data.draw(values(module))]
     model, readings = data.draw(MODELS), data.draw(READINGS)
-    plain = probability(position, model, readings, parameters)
-    assert compiled(probable)(position, model, readings, tuple(map(float, parameters))) == plain
-    assert 0.0 <= plain <= 1.0
+    plain, fast = [0.0], np.zeros(1)
+    probability(module.position, model, readings, parameters, [], plain)
+    compiled(probable)(module.position, model, readings, np.array(parameters), np.zeros(0), fast)
+    assert fast.tolist() == plain
+    assert 0.0 <= plain[0] <= 1.0
 
 
 @given(st.data())
@@ -126,10 +127,12 @@ def test_perception(data):
 )
 def test_control_cycles(pfsm, cycles, model):
     controller = Controller(pfsm, model)
-    program, memory = program_arrays(pfsm), np.zeros(MEMORY)
+    tables = tables_of(pfsm)
+    memory, actions = np.zeros(tables.memory), np.zeros(ACTIONS)
+    actions[2] = -1.0
     for readings, draws in cycles:
-        fast = compiled(control_cycle)(model, program, readings, memory, np.array(draws))
-        assert tuple(fast) == tuple(controller.step(readings, draws))
+        compiled(control_cycle)(model, tables.program, readings, memory, np.array(draws), actions)
+        assert tuple(actions[:SCRATCH]) == tuple(controller.step(readings, draws))
         assert int(memory[0]) == controller.state
 
 
@@ -213,7 +216,7 @@ def test_how_much_a_neighbour_weighs(law, distance, weight):
 
 
 KERNELS = [
-    *(module.function for module in (*BEHAVIOURS, *CONDITIONS)),
+    *(module.function for module in (*BEHAVIOURS.values(), *CONDITIONS.values())),
     control_cycle,
     perceive,
     proximity_weight,
@@ -237,7 +240,7 @@ def test_kernels_keep_to_the_subset(kernel):
         ast.Module, ast.FunctionDef, ast.arguments, ast.arg, ast.Expr, ast.Constant, ast.Return, ast.Assign,
         ast.AugAssign, ast.If, ast.IfExp, ast.While, ast.For, ast.Continue, ast.Break, ast.Compare, ast.BoolOp,
         ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.expr_context,
-        ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.Starred,
+        ast.Slice, ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.Starred,
     )  # fmt: skip
     tree = ast.parse(inspect.getsource(kernel))
     for node in ast.walk(tree.body[0].body and ast.Module(tree.body[0].body, [])):

@@ -5,15 +5,16 @@ import pytest
 
 from mercator_design.designer import flavour_space, mission_space
 from mercator_design.fsm.space.grammar import modules_of, to_pfsm
-from mercator_design.fsm.space.simple import drawn_values, simple_machines
+from mercator_design.fsm.space.simple import simple_machines
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.behaviours import BEHAVIOURS
 from mercator_design.modules.conditions import COLOUR_LABELS
+from mercator_design.modules.drawing import drawn_values
+from mercator_design.modules.module import BEHAVIOURS
 from mercator_design.race.space.parameter import key_of
 from mercator_design.sim.simulate import Simulator
 
-EXPLORATION = next(one for one in BEHAVIOURS if one.name == "exploration")
+EXPLORATION = BEHAVIOURS["exploration"]
 
 
 def everything(module, parameters):
@@ -36,7 +37,7 @@ def test_they_are_different_canonical_machines_of_one_or_two_states(flavour):
         assert len(machine.states) == 1 or [len(state.transitions) for state in machine.states] == [1, 1]
     assert len({key_of(one) for one in found}) == len(found)
     behaviours, conditions = modules_of(flavour)
-    n_conditions = sum(len(COLOUR_LABELS) if one.colours else 1 for one in conditions.values())
+    n_conditions = sum(len(COLOUR_LABELS) if one.labelled else 1 for one in conditions.values())
     assert len(found) == len(behaviours) + n_conditions * (len(behaviours) - 1)
 
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.files import fsm_file_text, read_fsm
 from mercator_design.fsm.text import parse, to_text
+from mercator_design.software.files import fsm_file_text, read_fsm
 from tests.fsm.strategies import pfsms
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
-from mercator_design.modules.words import KnownSwarm, module_words, with_parameters
-from tests.fsm.strategies import pfsms
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, KnownSwarm
+from mercator_design.modules.words import module_words, with_parameters
+from tests.fsm.strategies import FLAVOURS, pfsms
 from tests.fsm.test_structure import renumbered
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
@@ -64,16 +65,18 @@ def test_an_explanation():
     ],
 )
 def test_a_robot_has_no_more_neighbours_than_there_are_other_robots(robots, words):
-    found = module_words("inverted neighbours count", (8.0, 10.38), KnownSwarm(0.1, robots))
+    found = module_words(CONDITIONS["inverted neighbours count"], (8.0, 10.38), KnownSwarm(0.1, robots))
     assert found == f"the fewer neighbours the likelier: {words}"
-    several = module_words("neighbours count", (8.0, 10.38), KnownSwarm(0.1, robots))
+    several = module_words(CONDITIONS["neighbours count"], (8.0, 10.38), KnownSwarm(0.1, robots))
     assert several.partition("cycle")[2] == found.partition("cycle")[2]
 
 
 def test_a_robot_alone_has_no_neighbours_to_go_to():
     for behaviour in ("attraction", "repulsion"):
-        assert module_words(behaviour, (2.0,), KnownSwarm(0.1, 1)).endswith("obstacles; there is no other robot")
-        assert module_words(behaviour, (2.0,), KnownSwarm(0.1, 2)).endswith("obstacles")
+        assert module_words(BEHAVIOURS[behaviour], (2.0,), KnownSwarm(0.1, 1)).endswith(
+            "obstacles; there is no other robot"
+        )
+        assert module_words(BEHAVIOURS[behaviour], (2.0,), KnownSwarm(0.1, 2)).endswith("obstacles")
 
 
 class TestRobotsThatAreKnown:
@@ -131,8 +134,8 @@ def test_every_module_of_published_designs_is_explained(flavour):
         pfsm = parse(line, flavour)
         text = explanation(pfsm, state_names(pfsm), KnownSwarm(0.1))
         for state in pfsm.states:
-            assert with_parameters(state.behaviour, state.parameters) in text
-            assert all(with_parameters(edge.condition, edge.parameters) in text for edge in state.transitions)
+            assert with_parameters(state.module, state.parameters) in text
+            assert all(with_parameters(edge.module, edge.parameters) in text for edge in state.transitions)
 
 
 def test_a_pfsm_is_the_same_as_itself():

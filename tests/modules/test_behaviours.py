@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.control import MEMORY
 from mercator_design.modules.behaviours import (
     TURN_CYCLES,
     anti_phototaxis,
@@ -15,41 +14,40 @@ from mercator_design.modules.behaviours import (
     stop,
     wheels_from_vector,
 )
-from mercator_design.modules.reference import Readings, ReferenceModel, Wheels
+from mercator_design.modules.reference import Readings, ReferenceModel, drive
 
 MODEL = ReferenceModel()
-ALPHA = (3.0, 0.0)
 
 
 def explored(readings, tau, u, cycles):
     """The wheels of exploration: `readings` in the first cycle, nothing perceived in the others."""
-    memory = [0.0] * MEMORY
-    return [exploration(MODEL, readings if k == 0 else Readings(), (tau,), memory, u) for k in range(cycles)]
+    memory = [0.0, 0.0]
+    return [exploration(MODEL, readings if k == 0 else Readings(), memory, u, tau) for k in range(cycles)]
 
 
 @pytest.mark.parametrize(("u", "turns"), [(0.0, 1), (0.05, 1), (0.1, 2), (0.35, 7), (0.999999, 19)])
 def test_exploration_turns_for_a_random_number_of_cycles_below_tau(u, turns):
     wheels = explored(Readings(proximity_x=0.5, proximity_y=-0.1), 20, u, 30)
-    ahead, left = Wheels(1, 1), Wheels(-1, 1)
+    ahead, left = drive(1, 1), drive(-1, 1)
     assert wheels == [ahead] + [left] * turns + [ahead] * (29 - turns)
 
 
 @given(st.integers(0, 100), st.floats(0, 1, exclude_max=True))
 def test_exploration_never_turns_for_tau_cycles_or_more(tau, u):
     wheels = explored(Readings(proximity_x=1.0), tau, u, 105)
-    turns = sum(w != Wheels(1, 1) for w in wheels)
+    turns = sum(w != drive(1, 1) for w in wheels)
     assert 1 <= turns <= max(1, tau - 1)
 
 
 @pytest.mark.parametrize(
     ("x", "y", "turn"),
     [
-        (0.5, -0.5, Wheels(-1, 1)),  # obstacle on the right: to the left
-        (0.5, 0.5, Wheels(1, -1)),
-        (0.5, 0.0, Wheels(1, -1)),  # straight ahead: to the right
-        (0.0, 0.1, Wheels(1, -1)),  # just beside, just strong enough
-        (0.0999, 0.0, Wheels(1, 1)),  # too weak
-        (-0.01, 0.9, Wheels(1, 1)),  # behind
+        (0.5, -0.5, drive(-1, 1)),  # obstacle on the right: to the left
+        (0.5, 0.5, drive(1, -1)),
+        (0.5, 0.0, drive(1, -1)),  # straight ahead: to the right
+        (0.0, 0.1, drive(1, -1)),  # just beside, just strong enough
+        (0.0999, 0.0, drive(1, 1)),  # too weak
+        (-0.01, 0.9, drive(1, 1)),  # behind
     ],
 )
 def test_exploration_turns_away_from_what_is_in_front(x, y, turn):
@@ -57,20 +55,20 @@ def test_exploration_turns_away_from_what_is_in_front(x, y, turn):
 
 
 def test_exploration_looks_again_after_a_turn():
-    memory = [0.0] * MEMORY
+    memory = [0.0, 0.0]
     obstacle = Readings(proximity_x=1.0)
-    wheels = [exploration(MODEL, obstacle, (1,), memory, 0.0) for _ in range(6)]
-    assert wheels == [Wheels(1, 1), Wheels(1, -1)] * 3
+    wheels = [exploration(MODEL, obstacle, memory, 0.0, 1) for _ in range(6)]
+    assert wheels == [drive(1, 1), drive(1, -1)] * 3
     assert memory[TURN_CYCLES] == 0
 
 
 def test_stop_stops():
-    assert stop(MODEL, Readings(proximity_x=1.0), (), [0.0] * MEMORY, 0.3) == Wheels(0, 0)
+    assert stop(MODEL, Readings(proximity_x=1.0), [], 0.3) == drive(0, 0)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.2, 10))
 def test_wheels_steer_towards_the_vector_with_one_tread_at_full_speed(angle, length):
-    left, right = wheels_from_vector(MODEL, length * math.cos(angle), length * math.sin(angle))
+    left, right, *_ = wheels_from_vector(MODEL, length * math.cos(angle), length * math.sin(angle))
     assert max(left, right) == 1.0
     assert min(left, right) == pytest.approx(math.cos(angle), abs=1e-9)
     if abs(angle) > 1e-6 and abs(angle) < 3.14159:
@@ -78,17 +76,17 @@ def test_wheels_steer_towards_the_vector_with_one_tread_at_full_speed(angle, len
 
 
 def test_a_weak_vector_counts_as_none():
-    assert wheels_from_vector(MODEL, -0.0999, 0.0) == Wheels(1, 1)
-    assert wheels_from_vector(MODEL, 0.0, 0.0) == Wheels(1, 1)
-    assert wheels_from_vector(MODEL, -0.1, 0.0) == Wheels(1, -1)  # straight behind: spin
+    assert wheels_from_vector(MODEL, -0.0999, 0.0) == drive(1, 1)
+    assert wheels_from_vector(MODEL, 0.0, 0.0) == drive(1, 1)
+    assert wheels_from_vector(MODEL, -0.1, 0.0) == drive(1, -1)  # straight behind: spin
 
 
 def test_the_inner_wheel_is_not_slower_than_the_slowest():
     model = MODEL._replace(slowest_wheel=-0.5)
-    assert wheels_from_vector(model, -1.0, 0.0) == Wheels(1, -0.5)
-    assert wheels_from_vector(model, -0.8, 0.6) == Wheels(-0.5, 1)
+    assert wheels_from_vector(model, -1.0, 0.0) == drive(1, -0.5)
+    assert wheels_from_vector(model, -0.8, 0.6) == drive(-0.5, 1)
     assert wheels_from_vector(model, -0.4, 0.9) == wheels_from_vector(MODEL, -0.4, 0.9)  # faster than that
-    assert wheels_from_vector(model, 0.6, -0.8) == Wheels(1, 0.6)
+    assert wheels_from_vector(model, 0.6, -0.8) == drive(1, 0.6)
 
 
 @pytest.mark.parametrize(
@@ -112,14 +110,15 @@ def test_the_inner_wheel_is_not_slower_than_the_slowest():
     ],
 )
 def test_vector_behaviours_follow_the_papers_equations(behaviour, readings, vector):
-    assert behaviour(MODEL, readings, ALPHA, [0.0] * MEMORY, 0.5) == pytest.approx(wheels_from_vector(MODEL, *vector))
+    alpha = [3.0] if behaviour in {attraction, repulsion} else []
+    assert behaviour(MODEL, readings, [], 0.5, *alpha) == pytest.approx(wheels_from_vector(MODEL, *vector))
 
 
 def test_strength_is_data_of_the_reference_model():
     original = MODEL._replace(strength_step=1.0, repulsion_power=2.0)
     readings = Readings(neighbours_x=0.011)
     # 1.2 * 0.011 * alpha reaches 0.1 at alpha = 7.6; with power 2 repulsion needs 0.011 * alpha^2 >= 0.1.
-    behind = Wheels(1, -1)
-    assert repulsion(original, readings, (4.0,), [0.0] * MEMORY, 0.5) == behind
-    assert repulsion(original, readings, (3.9,), [0.0] * MEMORY, 0.5) == Wheels(1, 1)  # 3.9 counts as 3
-    assert repulsion(MODEL, readings, (4.0,), [0.0] * MEMORY, 0.5) == Wheels(1, 1)
+    behind = drive(1, -1)
+    assert repulsion(original, readings, [], 0.5, 4.0) == behind
+    assert repulsion(original, readings, [], 0.5, 3.9) == drive(1, 1)  # 3.9 counts as 3
+    assert repulsion(MODEL, readings, [], 0.5, 4.0) == drive(1, 1)

@@ -48,7 +48,7 @@ def test_floor_conditions_fire_on_their_levels_only(colour):
     }
     for condition in (black_floor, gray_floor, white_floor):
         expected = BETA if condition in fires.get(colour, ()) else 0.0
-        assert condition(MODEL, on(colour), (BETA,)) == expected
+        assert condition(MODEL, on(colour), [], BETA) == expected
 
 
 @pytest.mark.parametrize(
@@ -65,18 +65,18 @@ def test_floor_conditions_fire_on_their_levels_only(colour):
     ],
 )
 def test_floor_thresholds_are_the_papers(condition, level, fires):
-    assert condition(MODEL, on((level, level, level)), (BETA,)) == (BETA if fires else 0.0)
+    assert condition(MODEL, on((level, level, level)), [], BETA) == (BETA if fires else 0.0)
 
 
 @pytest.mark.parametrize("colour", COLOURS)
 @pytest.mark.parametrize("label", range(4))
 def test_colour_condition_fires_on_its_label_only(colour, label):
-    assert floor_colour(MODEL, on(colour), (BETA, label)) == (BETA if COLOUR_LABELS[label] == colour else 0.0)
+    assert floor_colour(MODEL, on(colour), [], BETA, label) == (BETA if COLOUR_LABELS[label] == colour else 0.0)
 
 
 def test_a_label_that_is_none_matches_nothing():
     for label in (-1, 4, 99):
-        assert all(floor_colour(MODEL, on(colour), (BETA, label)) == 0.0 for colour in COLOURS)
+        assert all(floor_colour(MODEL, on(colour), [], BETA, label) == 0.0 for colour in COLOURS)
 
 
 def test_red_is_recognised_on_both_sides_of_hue_zero():
@@ -103,9 +103,9 @@ def test_hue_tolerance(hue, found):
 @given(st.integers(0, 20), st.integers(0, 10), st.floats(0, 20))
 def test_neighbour_conditions_are_the_papers_logistic(n, xi, eta):
     readings = Readings(neighbours=float(n))
-    p = neighbours_count(MODEL, readings, (xi, eta))
+    p = neighbours_count(MODEL, readings, [], xi, eta)
     assert p == pytest.approx(1 / (1 + math.exp(eta * (xi - n))) if eta * (xi - n) < 700 else 0.0)
-    assert inverted_neighbours_count(MODEL, readings, (xi, eta)) == 1 - p
+    assert inverted_neighbours_count(MODEL, readings, [], xi, eta) == 1 - p
     if n == xi:
         assert p == 0.5
 
@@ -113,9 +113,9 @@ def test_neighbour_conditions_are_the_papers_logistic(n, xi, eta):
 @pytest.mark.parametrize(("n", "p"), [(0, 0.047), (1, 0.119), (2, 0.269), (3, 0.5), (4, 0.0), (9, 0.0)])
 def test_counts_that_wrap_are_those_of_unsigned_numbers(n, p):
     model, readings = MODEL._replace(count_wraps=1.0), Readings(neighbours=float(n))
-    assert neighbours_count(model, readings, (3, 1.0)) == pytest.approx(p, abs=5e-4)
-    assert inverted_neighbours_count(model, readings, (3, 1.0)) == pytest.approx(1 - p, abs=5e-4)
-    assert neighbours_count(model, readings, (3, 0.0)) == 0.5
+    assert neighbours_count(model, readings, [], 3, 1.0) == pytest.approx(p, abs=5e-4)
+    assert inverted_neighbours_count(model, readings, [], 3, 1.0) == pytest.approx(1 - p, abs=5e-4)
+    assert neighbours_count(model, readings, [], 3, 0.0) == 0.5
 
 
 @given(st.floats(allow_nan=False))
@@ -125,4 +125,4 @@ def test_logistic_is_a_probability_for_any_number(x):
 
 
 def test_fixed_probability():
-    assert fixed_probability(MODEL, Readings(), (0.3,)) == 0.3
+    assert fixed_probability(MODEL, Readings(), [], 0.3) == 0.3

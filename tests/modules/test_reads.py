@@ -4,10 +4,7 @@ import random
 
 import pytest
 
-from mercator_design.fsm.control import MEMORY
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import SENSES
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, SENSES
 from mercator_design.modules.reference import Readings, ReferenceModel
 
 
@@ -50,17 +47,17 @@ def read_by(module, call):
     return seen
 
 
-@pytest.mark.parametrize("module", BEHAVIOURS, ids=lambda module: module.name)
+@pytest.mark.parametrize("module", BEHAVIOURS.values(), ids=lambda module: module.name)
 def test_a_behaviour_reads_what_it_declares(module):
     def call(function, model, readings, parameters, rng):
-        function(model, readings, parameters, [0.0] * MEMORY, rng.random())
+        function(model, readings, [0.0] * 4, rng.random(), *parameters)
 
     assert read_by(module, call) == module.reads
 
 
-@pytest.mark.parametrize("module", CONDITIONS, ids=lambda module: module.name)
+@pytest.mark.parametrize("module", CONDITIONS.values(), ids=lambda module: module.name)
 def test_a_condition_reads_what_it_declares(module):
     def call(function, model, readings, parameters, _):
-        function(model, readings, parameters)
+        function(model, readings, [0.0] * 4, *parameters)
 
     assert read_by(module, call) == module.reads

@@ -5,10 +5,10 @@ from numpy.random import default_rng
 
 from mercator_design.designer import flavour_space
 from mercator_design.errors import RaceError
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.race import Space, categorical, integer, ordered, parse_space, real
 from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.race.space.relations import ValueIn, ValuePlus
+from tests.fsm.strategies import FLAVOURS
 from tests.race.spaces import machines, uniform
 
 TEXT = """

@@ -2,8 +2,9 @@
 
 import pytest
 
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.results.analysis.pruning import elements, max_modules, module_counts, removed, without
+from tests.fsm.strategies import FLAVOURS
 
 
 def fixed(target):

@@ -27,8 +27,7 @@ from mercator_design.fsm import parse
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.missions import plugins
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.module import numbered
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.elimination.summary import Elite, Progress
 from mercator_design.race.session import events
@@ -991,7 +990,7 @@ class TestAnalysis:
         assert rows[-1] == f"and {len(table) - 20} more, of at most {table.share.iloc[20]:.1%}: --csv has all"
         assert "-0.0%" not in page
         called = {name: re.search(rf"^{name} .*  (\d+ \(.*?\))  ", page, re.MULTILINE) for name in table.index[:20]}
-        numbers = numbered(BEHAVIOURS, "watermelon")
+        numbers = flavour_of("watermelon").numbered("behaviour")
         for name in [name for name in called if re.fullmatch(r"S\d", name)]:
             number = int(table.favours[name])
             assert called[name][1] == f"{number} ({numbers[number].name})"

@@ -4,11 +4,11 @@ import random
 
 import pytest
 
-from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import to_text
 from mercator_design.race.analysis.pairs import paired_p_value, worse_p_value
 from mercator_design.results.analysis.simplification import counts, simplify
+from mercator_design.software.files import read_fsm
 
 
 def by(condition, to, *parameters):

@@ -15,17 +15,18 @@ import pytest
 from mercator_design.config.checked_lines import to_line
 from mercator_design.config.colours import COLOURS
 from mercator_design.errors import RobotError, RobotStopped, Signalled
-from mercator_design.fsm import Controller, Readings, ReferenceModel, parse
-from mercator_design.fsm.control import DRAWS, MEMORY, control_cycle
+from mercator_design.fsm import Readings, ReferenceModel, parse
+from mercator_design.fsm.control import control_cycle
 from mercator_design.jit import compiled
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import numbered
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.reference import ACTIONS
 from mercator_design.robot.cli import VERBS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted
 from mercator_design.robot.logs.log import Log, controller_of, replay, to_lines
-from tests.fsm.test_parity import program_arrays
+from mercator_design.sim.simulate import tables_of
+from mercator_design.software import Controller
+from tests.fsm.strategies import DRAWS
 from tests.processes import wait_until
 from tests.robot.log_events import read
 
@@ -62,7 +63,7 @@ def log(tmp_path):
                 next_state=controller.state,
                 readings=readings,
                 draws=draws,
-                wheels=wheels,
+                wheels=wheels[:2],
                 cpu=0.001,
                 program_cpu=0.001,
                 neighbours=(),
@@ -77,8 +78,8 @@ def lines(log):
     return log.read_bytes().splitlines(keepends=True)
 
 
-def named(flavour, table):
-    return {module.name for module in numbered(table, flavour).values()}
+def named(flavour, kind):
+    return {module.name for module in flavour_of(flavour).numbered(kind).values()}
 
 
 def test_it_replays_identically(log):
@@ -86,19 +87,21 @@ def test_it_replays_identically(log):
     assert len(decisions) == CYCLES
     assert {decision.differs for decision in decisions} == {""}
     states = parse(FSM).states
-    assert {states[decision.state].behaviour for decision in decisions} == named("watermelon", BEHAVIOURS)
-    assert {decision.condition for decision in decisions} == {"", *named("watermelon", CONDITIONS)}
+    assert {states[decision.state].behaviour for decision in decisions} == named("watermelon", "behaviour")
+    assert {decision.condition for decision in decisions} == {"", *named("watermelon", "condition")}
 
 
 def test_the_simulator_s_kernel_decides_the_same(log):
     start, *events = read(log)
-    pfsm, _ = controller_of(next(log_module.read(log)))
-    program, memory = program_arrays(pfsm), np.zeros(MEMORY)
+    pfsm = controller_of(next(log_module.read(log))).software
+    tables = tables_of(pfsm)
+    memory, actions = np.zeros(tables.memory), np.zeros(ACTIONS)
     model = ReferenceModel(**start["reference_model"])
     for event in events[:-1]:
         assert int(memory[0]) == event["state"]
-        wheels = compiled(control_cycle)(model, program, Readings(*event["readings"]), memory, np.array(event["draws"]))
-        assert list(wheels) == event["wheels"]
+        draws = np.array(event["draws"])
+        compiled(control_cycle)(model, tables.program, Readings(*event["readings"]), memory, draws, actions)
+        assert list(actions[:2]) == event["wheels"]
         assert int(memory[0]) == event["next_state"]
 
 

@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from mercator_design.errors import RobotError, RobotStopped
-from mercator_design.fsm import Readings, ReferenceModel, Wheels
+from mercator_design.fsm import Readings, ReferenceModel, drive
 from mercator_design.modules.perception import proximity_weight
 from mercator_design.robot.devices.health import Answers
 from mercator_design.robot.devices.ports import DEVICES, PortNames, open_ports
@@ -332,7 +332,7 @@ def test_the_end(devices, monkeypatch):
     monkeypatch.setattr(mercator, "stop_rvr", lambda _link: end("rvr"))
     monkeypatch.setattr(mercator, "stop_lidar", lambda _link: end("lidar"))
     with robot_on(devices, ()) as robot:
-        robot.drive(Wheels(0.5, 0.5))
+        robot.drive(drive(0.5, 0.5))
         devices.when(devices.drives)
     assert ended == ["rvr", "lidar"]
     devices.come_to_rest()
@@ -347,7 +347,7 @@ def test_damaged_bytes(devices):
     devices.heads = [(0.5, 0.5)]
     with robot_on(devices) as robot:
         found = [told(robot, 0.1).neighbours for _ in range(25)]
-        robot.drive(Wheels(0.5, 0.5))
+        robot.drive(drive(0.5, 0.5))
     assert set(found[5:]) | {0.0} == {0.0, 1.0}
 
 
@@ -440,7 +440,7 @@ def test_of_commands_that_are_refused_one_matters():
 
 def test_a_command_to_drive_that_is_refused_stops_the_robot(port):
     robot = robot_over(port)
-    robot.drive(Wheels(0.5, -0.5))
+    robot.drive(drive(0.5, -0.5))
     port.refuse(Error.RESTRICTED)
     with pytest.raises(RobotStopped) as stopped:
         robot.attend(0.0)
@@ -451,7 +451,7 @@ def test_a_command_to_drive_that_is_refused_stops_the_robot(port):
 def test_a_command_to_drive_that_was_damaged_is_repeated(port, error):
     """Once; and nothing is after a stop."""
     robot = robot_over(port)
-    robot.drive(Wheels(0.5, -0.5))
+    robot.drive(drive(0.5, -0.5))
     port.refuse(error)
     for _ in range(3):
         robot.attend(0.0)
@@ -460,7 +460,7 @@ def test_a_command_to_drive_that_was_damaged_is_repeated(port, error):
         {"left_velocity": pytest.approx(0.15), "right_velocity": pytest.approx(-0.15)}
     ] * 2
     assert robot.lines()["rvr"][-1] == 1
-    robot.drive(Wheels(0.5, -0.5))
+    robot.drive(drive(0.5, -0.5))
     robot.brake.stop("SIGTERM")
     sent = len(port.written)
     port.refuse(error)
@@ -515,7 +515,7 @@ def test_the_lidar_s_motor(devices, monkeypatch):
 
 def test_wheels_and_lamps(devices):
     with robot_on(devices, (), limits=Settings().limits) as robot:
-        robot.drive(Wheels(1.0, -0.5))
+        robot.drive(drive(1.0, -0.5))
         robot.show(dict.fromkeys(LIGHTS, (0, 158, 115)))
         robot.attend(time.monotonic() + 0.1)
         assert devices.wheels[-1][1:] == pytest.approx((0.3, -0.15))
@@ -523,9 +523,9 @@ def test_wheels_and_lamps(devices):
         assert lamps["led_group"] == 0x3FFFFFFF
         assert bytes(lamps["led_brightness_values"]) == bytes((0, 158, 115)) * 10
         with pytest.raises(RobotStopped, match=r"found 0\.3, nan"):
-            robot.drive(Wheels(1.0, math.nan))
+            robot.drive(drive(1.0, math.nan))
         with pytest.raises(RobotStopped, match=r"found 0\.3, nan"):  # once and for all
-            robot.drive(Wheels(0.1, 0.1))
+            robot.drive(drive(0.1, 0.1))
 
 
 def test_no_zero_has_a_sign():

@@ -12,12 +12,13 @@ import time
 
 import pytest
 
-from mercator_design.fsm import Controller, ReferenceModel, Wheels
-from mercator_design.fsm.digest import control_digest
+from mercator_design.fsm import ReferenceModel, drive
 from mercator_design.robot.devices.health import ANSWER_LIMIT, ANSWERS_WINDOW, WINDOW
 from mercator_design.robot.devices.settings import COMMANDS_END, Limits
 from mercator_design.robot.run.mercator import QUERY_EVERY, Mercator
 from mercator_design.robot.run.safety import SIGNALS, STALL
+from mercator_design.software import Controller
+from mercator_design.software.digest import control_digest
 from tests.robot.log_events import read
 from tests.robot.ways import ALL, GO, LAST, LATEST, asked, check
 
@@ -161,12 +162,12 @@ def leave():
 CONTROLLER_FAULTS = {
     "exit": (leave, 7, ""),
     "not a number": (
-        lambda: Wheels(math.nan, 1.0),
+        lambda: drive(math.nan, 1.0),
         4,
         "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3",
     ),
-    "infinite": (lambda: Wheels(0.0, -math.inf), 4, "found 0, -inf"),
-    "too fast": (lambda: Wheels(1.0, 1.01), 4, "found 0.3, 0.303"),
+    "infinite": (lambda: drive(0.0, -math.inf), 4, "found 0, -inf"),
+    "too fast": (lambda: drive(1.0, 1.01), 4, "found 0.3, 0.303"),
 }
 
 
@@ -321,7 +322,7 @@ def test_a_dry_run_never_turns_the_wheels(robot):
 
 
 def test_a_dry_run_is_stopped_by_what_would_stop_another(robot, monkeypatch):
-    monkeypatch.setattr(Controller, "step", lambda *_: Wheels(math.nan, 1.0))
+    monkeypatch.setattr(Controller, "step", lambda *_: drive(math.nan, 1.0))
     robot.run(GO, "--dry-run")
     said = check(robot, 4, "wheels: expected speeds from -0.3 to 0.3 m/s, found nan, 0.3")
     assert "The log is log.jsonl\n" in said
@@ -341,7 +342,7 @@ class TestWhatStoppedIt:
 
     def test_what_was_decided(self, robot, monkeypatch, robot_command):
         with monkeypatch.context() as patched:
-            decide(patched, robot, lambda: Wheels(math.nan, -1.01))
+            decide(patched, robot, lambda: drive(math.nan, -1.01))
             robot.run()
         check(robot, 4, "found nan, -0.303")
         *_, cycle, _ = read(robot.folder / "log.jsonl")

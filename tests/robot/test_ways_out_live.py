@@ -182,7 +182,7 @@ def test_a_process_that_is_killed_is_stopped_by_the_robot_and_its_log_is_whole_b
 
 
 def test_a_process_that_is_suspended_is_stopped_by_the_robot_and_does_not_drive_again(tmp_path):
-    """Wheels that rest turn again only in a new run."""
+    """Actions that rest turn again only in a new run."""
 
     def attempt(number):
         with running(tmp_path / str(number)) as robot:

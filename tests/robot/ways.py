@@ -71,7 +71,7 @@ Mercator.close = lambda robot: (close(robot), time.sleep(0.5))
 # What a controller does from the moment on at which there is a file "fault"; it prints when that is.
 FAULTS = """
 import math, os, sys, time
-from mercator_design.fsm import Controller, Wheels
+from mercator_design.software import Controller
 step = Controller.step
 def faulty(self, readings, draws):
     if os.path.exists("fault"):

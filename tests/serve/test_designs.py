@@ -2,11 +2,11 @@ import json
 
 import pytest
 
-from mercator_design.fsm.files import read_fsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.serve.designs import Designs
 from mercator_design.serve.jobs.operations import LimitReached
 from mercator_design.serve.settings import ServiceError, UserLimits
+from mercator_design.software.files import read_fsm
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission
 
 pytestmark = pytest.mark.together

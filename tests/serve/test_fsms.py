@@ -7,12 +7,9 @@ from hypothesis import strategies as st
 
 import mercator_design as md
 from mercator_design.errors import MissionError
-from mercator_design.fsm.files import read_fsm
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import numbered
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.settings import UserLimits
@@ -21,6 +18,7 @@ from mercator_design.serve.workers.pool import Busy
 from mercator_design.serve.workers.sources import FsmSource, MissionSource
 from mercator_design.show.replay import replay_of
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import read_fsm
 from tests.serve.machines import FSM, MISSION, STOP, client_of, race_in, short_mission, submitted
 
 pytestmark = pytest.mark.together
@@ -41,9 +39,9 @@ class TestModules:
     @pytest.mark.parametrize("flavour", ["watermelon", "chocolate"])
     def test_they_are_those_of_the_tables(self, client, flavour):
         found = client.get("/api/v1/modules", params={"flavour": flavour}).json()
-        for kind, table in (("behaviours", BEHAVIOURS), ("conditions", CONDITIONS)):
+        for kind in ("behaviours", "conditions"):
             assert {one["number"]: one["name"] for one in found[kind]} == {
-                number: module.name for number, module in numbered(table, flavour).items()
+                number: module.name for number, module in flavour_of(flavour).numbered(kind.removesuffix("s")).items()
             }
             for one in found[kind]:
                 assert one["description"].endswith(".")

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
@@ -19,6 +19,7 @@ from mercator_design.seeds import generator
 from mercator_design.show.machines.diagram import _arrows, _box_lines, diagram_svg
 from mercator_design.show.machines.layout import laid_out
 from mercator_design.show.machines.notations import to_mermaid, to_tikz
+from tests.fsm.strategies import FLAVOURS
 from tests.fsm.test_files import random_file
 from tests.tiers import some
 

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mercator_design.fsm import Controller, Readings, parse
+from mercator_design.fsm import Readings, parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.sim.kernels.chipmunk import Space
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software import Controller
 from tests.tiers import some
 
 pytestmark = pytest.mark.together("kernels")  # compiled once

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm, State, Transition
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import CONDITIONS
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Uniform
+from tests.fsm.strategies import FLAVOURS
 
 PUBLISHED = json.loads((Path(__file__).parents[1] / "data" / "published_fsms.json").read_text())
 MISSION = load_mission("aggregation", ["robots=5"])  # its floor is gray and black
@@ -43,7 +44,7 @@ GO = by("black floor", 0.5)
 
 
 def test_situations_have_all_that_conditions_read():
-    senses = set().union(*(one.reads for one in CONDITIONS))
+    senses = set().union(*(one.reads for one in CONDITIONS.values()))
     assert senses == {"ground", "neighbours"}, "lint has to try more situations"
 
 

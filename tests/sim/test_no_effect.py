@@ -13,7 +13,7 @@ from mercator_design.cli import cli
 from mercator_design.config import shipped
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.module import CONDITIONS
 from mercator_design.sim.checks.no_effect import can_fire, floor_warnings, model_warnings, no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
@@ -213,6 +213,6 @@ class TestRanges:
 
 def test_only_a_condition_that_reads_the_ground_alone_is_known_never_to_fire():
     on_gray = mission()
-    white = next(one for one in CONDITIONS if one.name == "white floor")
+    white = CONDITIONS["white floor"]
     assert not can_fire(on_gray, MERCATOR, white, (1.0,))
     assert can_fire(on_gray, MERCATOR, dataclasses.replace(white, reads=white.reads | {"neighbours"}), (1.0,))

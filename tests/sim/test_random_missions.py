@@ -15,7 +15,6 @@ from mercator_design.config.colours import COLOURS
 from mercator_design.config.schema import FieldError
 from mercator_design.designer import flavour_space
 from mercator_design.errors import MissionError
-from mercator_design.fsm.pfsm import FLAVOURS
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.arena import Arena, Box, Light, Polygon, RegularPolygon
 from mercator_design.missions.floor import (
@@ -54,6 +53,7 @@ from mercator_design.sim.robot_parts import (
     Uniform,
 )
 from mercator_design.sim.simulate import Simulator
+from tests.fsm.strategies import FLAVOURS
 from tests.tiers import cases
 
 pytestmark = pytest.mark.together("kernels")  # compiled once

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.twin_perception import decisions, perception, run
-from mercator_design.modules.behaviours import BEHAVIOURS
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.log import controller_of, to_lines
 from tests.robot.log_events import read
@@ -28,7 +28,7 @@ def check(folder, cycles, changes):
         assert seen.ground >= 0.99 * seen.cycles
         assert seen.proximity >= 0.97 * seen.cycles
         assert seen.neighbours >= 0.85 * seen.cycles
-    assert behaviours == {module.name for module in BEHAVIOURS if "watermelon" in module.numbers}
+    assert behaviours == {module.name for module in flavour_of("watermelon").numbered("behaviour").values()}
 
 
 def test_recorded_runs(recorded):

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.same_scene import BODY, HALF, MERCATOR, Unturned, World, angles_off, driven, obstacle, pull
 from benchmarks.twin_stepped import settings_of
 from mercator_design.config.colours import COLOURS
-from mercator_design.fsm import Wheels
+from mercator_design.fsm import drive
 from mercator_design.robot.protocols.multiflex import Distances
 from mercator_design.robot.protocols.rvr_messages import Processor
 from mercator_design.robot.protocols.rvr_streaming import StreamData
@@ -95,7 +95,7 @@ def test_obstacles_stay_where_they_are_while_the_robot_turns():
 @pytest.mark.thorough
 def test_a_robot_that_spins_by_a_wall():
     """Distances are up to 0.16 s old, in which it turns by 37 degrees."""
-    wheels = [Wheels(-1.0, 1.0)]
+    wheels = [drive(-1.0, 1.0)]
     (median, most), (untold, _) = (
         (off[len(off) // 2], off[-1])
         for kind in (Senses, Unturned)

@@ -22,8 +22,7 @@ from benchmarks.twin_agreement import (
 )
 from benchmarks.twin_runs import Track, twin_was_late
 from benchmarks.twin_stepped import stepped_run
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.twin.arena import TwinArena
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
@@ -38,7 +37,7 @@ def test_the_fsms_have_all_modules():
     cases = [case(name) for name in MISSIONS]
     assert len(cases) >= 10
     used = {one.module.name for each in cases for _, one in each.pfsm.nodes}
-    assert used == {module.name for module in (*BEHAVIOURS, *CONDITIONS) if "watermelon" in module.numbers}
+    assert used == {module.name for module in flavour_of("watermelon").modules}
 
 
 @pytest.mark.parametrize("name", ["aggregation", "foraging", "mapping", "cleaning"])

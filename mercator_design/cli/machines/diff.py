@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, LENIENT, print_result, read_controller
-from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.command import FILE, LENIENT, FlavourName, print_result, read_controller
 from mercator_design.fsm.words.difference import difference
 
 _WORDS = {
@@ -21,7 +20,8 @@ _WORDS = {
 @click.argument("other", type=FILE)
 @click.option(
     "--flavour",
-    type=click.Choice(FLAVOURS),
+    type=FlavourName(),
+    metavar="NAME|FILE.yaml",
     help="Flavour of the module numbers.  [default: that of each file's header, else watermelon]",
 )
 @LENIENT

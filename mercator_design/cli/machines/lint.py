@@ -11,9 +11,9 @@ from mercator_design.cli.inputs import Given, ignore, simulator_of
 from mercator_design.cli.options import CONTROLLER, JSON, MISSION
 from mercator_design.command import FILE, print_result
 from mercator_design.errors import FsmError
-from mercator_design.fsm.files import read_fsm
 from mercator_design.sim.checks.lint import lint as findings_of
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.software.files import read_fsm
 
 
 @click.command()

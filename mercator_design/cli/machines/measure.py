@@ -6,9 +6,9 @@ from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import simulator_of, warn_of_mission
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import print_message
-from mercator_design.fsm.files import FsmFile
 from mercator_design.results.analysis.occupancy import Occupancy, occupancy
 from mercator_design.show.text.progress import Display
+from mercator_design.software.files import FsmFile
 
 
 def measured(fsm: Path, file: FsmFile, mission: str, runs: int, seed: int) -> tuple[Occupancy, str]:

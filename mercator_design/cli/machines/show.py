@@ -16,10 +16,10 @@ from mercator_design.command import (
     print_result,
     read_controller,
 )
-from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.modules.words import robots_words
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.machines.notations import to_dot, to_mermaid, to_tikz
+from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
 
 _RUNS, _SEED = 10, 1

@@ -18,7 +18,6 @@ from mercator_design.command import (
     print_result,
     read_controller,
 )
-from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.executors.executor import in_order
@@ -29,6 +28,7 @@ from mercator_design.seeds import instance_seed
 from mercator_design.show.text.progress import Display
 from mercator_design.show.text.simplification import evidence, simplification_page
 from mercator_design.sim.checks.no_effect import dead_transitions
+from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
 
 _OF_THE_ORIGINAL = {"score", "spread", "score in the race", "configuration"}
@@ -109,7 +109,7 @@ def simplify(
     header |= evidence(found, loaded.score, mission=loaded.name, seed=seed)
     usual = file.names == state_names(file.pfsm)
     names = () if usual else tuple(file.names[i] for i in found.kept_states)
-    simpler = FsmFile(pfsm=found.simpler, header=header, names=names)
+    simpler = FsmFile(software=found.simpler, header=header, names=names)
     is_yaml = output.suffix.lower() in {".yaml", ".yml"}
     text = fsm_yaml_text(simpler) if is_yaml else fsm_file_text(simpler.pfsm, simpler.header, simpler.names)
     with writing(output):

@@ -9,9 +9,9 @@ from mercator_design.command import lack_of_designer, print_note
 from mercator_design.config.loading import parse
 from mercator_design.config.schema import Kind, Positive, Range
 from mercator_design.errors import FsmError, MercatorError
-from mercator_design.fsm.files import FsmFile
-from mercator_design.modules.words import KnownSwarm
+from mercator_design.modules.module import KnownSwarm
 from mercator_design.robot.devices.settings import CONTROL_PERIOD
+from mercator_design.software.files import FsmFile
 
 
 def swarm_of(fsm: Path, file: FsmFile, mission: str | None = None) -> KnownSwarm:

@@ -21,10 +21,10 @@ from mercator_design.fleet.check import check, table, unclear, wrong
 from mercator_design.fleet.deploy import Fleet, RobotOutcome
 from mercator_design.fleet.start import start
 from mercator_design.fsm import ReferenceModel
-from mercator_design.fsm.files import FsmFile
 from mercator_design.robot.cli.options import WITHOUT
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of, reference_model_of
 from mercator_design.robot.run.senses import why_device_is_needed
+from mercator_design.software.files import FsmFile
 
 
 @click.command()

@@ -18,12 +18,12 @@ from mercator_design.cli.inputs import (
 )
 from mercator_design.cli.options import CONTROLLER, FSM, seed_of
 from mercator_design.command import print_message, read_controller, warn
-from mercator_design.fsm.files import FsmFile
 from mercator_design.missions.mission import load_mission
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.results.experiments.robot_logs import Pose, is_log, read_logs
 from mercator_design.results.experiments.traces import SUFFIXES, read_trace
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.software.files import FsmFile
 
 _ROBOT_MODEL = "mercator"  # of logs without a mission
 

@@ -6,41 +6,13 @@ module is. The target's upper bound depends on the number of states.
 """
 
 import functools
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from mercator_design.fsm.pfsm import (
-    MAX_STATES,
-    MAX_TRANSITIONS,
-    Pfsm,
-    State,
-    Transition,
-    absolute_target,
-    relative_target,
-)
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import Module, ModuleParameter, numbered
-
-Value = int | float | str
-"""Numbers of modules are text, as they are categories; all else is a number."""
-
-DIGITS = 2
-"""Decimals of real parameters, as AutoMoDe designs them."""
-
-
-class GrammarParameter(NamedTuple):
-    """A parameter: one of some values, or a number within bounds."""
-
-    name: str
-    switch: str  # text before the value on a command line
-    values: tuple[str, ...] = ()  # empty: a number
-    low: float = 0
-    high: float | tuple[str, int] = 0  # a number, or another parameter and what is added to it
-    digits: int = 0  # decimals of a number
-    condition: tuple[str, tuple[str, ...] | range] | None = None
-    """Another parameter, and its values with which this one is active; None: it always is."""
+from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, relative_target
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.grammar import GrammarParameter, Value, module_parameters, numbers_text
+from mercator_design.modules.module import Module
 
 
 class _Chosen(NamedTuple):
@@ -74,38 +46,26 @@ class _StateNames(NamedTuple):
 def parameters_of(flavour: str) -> Iterator[GrammarParameter]:
     """The grammar of a flavour. Watermelon has 149 parameters, Chocolate 133."""
     behaviours, conditions = modules_of(flavour)
-    yield GrammarParameter("NumStates", "--nstates ", low=1, high=MAX_STATES)
-    for i in range(MAX_STATES):
-        exists = ("NumStates", range(i + 1, MAX_STATES + 1))
-        yield GrammarParameter(f"S{i}", f"--s{i} ", values=_numbers(behaviours), condition=exists)
-        yield from _of_modules(behaviours, f"{i}", f"S{i}")
-        connected = ("NumStates", range(max(i, 1) + 1, MAX_STATES + 1))
+    max_states, max_transitions = limits_of(flavour)
+    yield GrammarParameter("NumStates", "--nstates ", low=1, high=max_states)
+    for i in range(max_states):
+        exists = ("NumStates", range(i + 1, max_states + 1))
+        yield GrammarParameter(f"S{i}", f"--s{i} ", values=numbers_text(behaviours), condition=exists)
+        yield from module_parameters(behaviours, f"{i}", f"S{i}")
+        connected = ("NumStates", range(max(i, 1) + 1, max_states + 1))
         number = f"NumConnections{i}"
-        yield GrammarParameter(number, f"--n{i} ", low=1, high=MAX_TRANSITIONS, condition=connected)
-        for j in range(MAX_TRANSITIONS):
-            transition, exists = f"{i}x{j}", (number, range(j + 1, MAX_TRANSITIONS + 1))
+        yield GrammarParameter(number, f"--n{i} ", low=1, high=max_transitions, condition=connected)
+        for j in range(max_transitions):
+            transition, exists = f"{i}x{j}", (number, range(j + 1, max_transitions + 1))
             yield GrammarParameter(f"N{transition}", f"--n{transition} ", high=("NumStates", -2), condition=exists)
             condition = f"C{transition}"
-            yield GrammarParameter(condition, f"--c{transition} ", values=_numbers(conditions), condition=exists)
-            yield from _of_modules(conditions, transition, condition)
+            yield GrammarParameter(condition, f"--c{transition} ", values=numbers_text(conditions), condition=exists)
+            yield from module_parameters(conditions, transition, condition)
 
 
 def module_of(parameter: str, number: str, flavour: str) -> Module:
     """The module that a category of the grammar stands for: a behaviour of S0, a condition of C0x0."""
-    return numbered(BEHAVIOURS if parameter.startswith("S") else CONDITIONS, flavour)[int(number)]
-
-
-def value_at(parameter: ModuleParameter, place: float) -> float:
-    """The value at a place in [0, 1] of a parameter's domain."""
-    low, high = parameter.sampled
-    value = low * (high / low) ** place if parameter.log else low + place * (high - low)
-    return float(round(value)) if parameter.integer else round(value, DIGITS)
-
-
-def place_of(parameter: ModuleParameter, value: float) -> float:
-    """The place of a value that may be sampled; the inverse of `value_at` but for rounding."""
-    low, high = parameter.sampled
-    return math.log(value / low) / math.log(high / low) if parameter.log else (value - low) / (high - low)
+    return modules_of(flavour)[0 if parameter.startswith("S") else 1][int(number)]
 
 
 def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
@@ -162,13 +122,14 @@ def _put(configuration: dict[str, Value], chosen: _Chosen, values: Iterable[floa
 def _names(flavour: str) -> tuple[_StateNames, ...]:
     """The names of the grammar for each state."""
     behaviours, conditions = modules_of(flavour)
+    max_states, max_transitions = limits_of(flavour)
 
     def choices(modules: Mapping[int, Module], index: str) -> tuple[dict[str, _Chosen], dict[str, _Chosen]]:
         found = [
             _Chosen(
                 module.name,
                 str(number),
-                tuple(parameter.grammar + index for parameter in module.parameters),
+                tuple(parameter.stem + index for parameter in module.parameters),
                 tuple(parameter.integer for parameter in module.parameters),
             )
             for number, module in modules.items()
@@ -183,34 +144,18 @@ def _names(flavour: str) -> tuple[_StateNames, ...]:
             f"S{i}",
             f"NumConnections{i}",
             *choices(behaviours, f"{i}"),
-            tuple(transition(f"{i}x{j}") for j in range(MAX_TRANSITIONS)),
+            tuple(transition(f"{i}x{j}") for j in range(max_transitions)),
         )
-        for i in range(MAX_STATES)
+        for i in range(max_states)
     )
 
 
 @functools.cache
 def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
     """The behaviours and the conditions of a flavour, by their numbers."""
-    return numbered(BEHAVIOURS, flavour), numbered(CONDITIONS, flavour)
+    return flavour_of(flavour).numbered("behaviour"), flavour_of(flavour).numbered("condition")
 
 
-def _numbers(table: Iterable[int]) -> tuple[str, ...]:
-    return tuple(map(str, table))
-
-
-def _of_modules(table: Mapping[int, Module], index: str, chooser: str) -> Iterator[GrammarParameter]:
-    """The parameters of the modules; modules may share one, active where any of them is chosen."""
-    users: dict[str, list[int]] = {}
-    found: dict[str, ModuleParameter] = {}
-    for number, module in table.items():
-        for parameter in module.parameters:
-            users.setdefault(parameter.grammar, []).append(number)
-            if found.setdefault(parameter.grammar, parameter) != parameter:
-                raise ValueError(f"{parameter.grammar}: modules share this parameter, but its domains differ")
-    for stem, parameter in found.items():
-        low, high = parameter.sampled
-        digits = 0 if parameter.integer else DIGITS
-        name, switch = f"{stem}{index}", f"--{parameter.flag}{index} "
-        condition = (chooser, _numbers(users[stem]))
-        yield GrammarParameter(name, switch, low=low, high=high, digits=digits, condition=condition)
+def limits_of(flavour: str) -> tuple[int, int]:
+    """Largest numbers of states and of transitions of a state."""
+    return flavour_of(flavour).limit("states"), flavour_of(flavour).limit("transitions")

@@ -8,9 +8,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import Value, from_states, modules_of, place_of, to_states, value_at
-from mercator_design.fsm.space.simple import Draws, Usable, any_of, drawn_values, kinds, simple_machines
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
+from mercator_design.fsm.space.grammar import from_states, limits_of, modules_of, to_states
+from mercator_design.fsm.space.simple import kinds, simple_machines
+from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values
+from mercator_design.modules.grammar import Value, place_of, value_at
 from mercator_design.modules.module import Module, ModuleParameter
 
 T = TypeVar("T")
@@ -79,7 +81,7 @@ def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> lis
     """
 
     def fires(edge: Transition) -> bool:
-        return (edge.condition, edge.parameters[-1] if edge.module.colours else 1.0) not in dead
+        return (edge.condition, edge.parameters[-1] if edge.module.labelled else 1.0) not in dead
 
     found = []
     for i, state in enumerate(states):
@@ -136,6 +138,7 @@ class _States:
         self.states = list(states)
         self._draws = draws
         self._behaviours = tuple(modules_of(flavour)[0].values())
+        self._max_states, self._max_transitions = limits_of(flavour)
         self._conditions = conditions
 
     def moved(self) -> list[State]:
@@ -221,7 +224,7 @@ class _States:
     def add_state(self) -> bool:
         """A new state, with a transition to it and one from it."""
         free = self._free()
-        if len(self.states) == MAX_STATES or not free:
+        if len(self.states) == self._max_states or not free:
             return False
         new, i = len(self.states), self._any_of(free)
         module = self._any_of(self._behaviours)
@@ -233,7 +236,7 @@ class _States:
     def split_state(self) -> bool:
         """A copy of a state takes over each transition to it with probability 1/2, and one leads to it."""
         free = self._free()
-        if len(self.states) == MAX_STATES or not free:
+        if len(self.states) == self._max_states or not free:
             return False
         new, i = len(self.states), self._any_of(free)
         for k, state in enumerate(self.states):
@@ -276,7 +279,7 @@ class _States:
 
     def _free(self) -> list[int]:
         """States that may have one more transition."""
-        return [i for i, state in enumerate(self.states) if len(state.transitions) < MAX_TRANSITIONS]
+        return [i for i, state in enumerate(self.states) if len(state.transitions) < self._max_transitions]
 
     def _edges(self) -> list[tuple[int, int]]:
         """State and place of each transition."""

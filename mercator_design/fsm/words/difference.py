@@ -140,12 +140,12 @@ def _module_changes(old: State | Transition, new: State | Transition) -> Iterato
     if old.module is not new.module:
         yield f"{_described(new)} instead of {_described(old)}"
         return
-    before, after = (named_values(each.module.name, each.parameters) for each in (old, new))
+    before, after = (named_values(each.module, each.parameters) for each in (old, new))
     yield from (f"{name} {before[name]} -> {value}" for name, value in after.items() if before[name] != value)
 
 
 def _described(one: State | Transition) -> str:
-    return with_parameters(one.module.name, one.parameters)
+    return with_parameters(one.module, one.parameters)
 
 
 def _edge_words(edge: Transition, target: str) -> str:

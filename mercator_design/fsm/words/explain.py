@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.modules.words import KnownSwarm, module_words, robots_words, with_parameters
+from mercator_design.modules.module import KnownSwarm
+from mercator_design.modules.words import module_words, robots_words, with_parameters
 
 
 def explanation(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> str:
@@ -33,16 +34,16 @@ def _lines(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> Iterator[str]
         sources = [
             names[k] for k, other in enumerate(pfsm.states) if any(edge.target == i for edge in other.transitions)
         ]
-        yield f"\n{names[i]}: {with_parameters(state.behaviour, state.parameters)}"
-        yield f"  The robot {module_words(state.behaviour, state.parameters, swarm)}."
+        yield f"\n{names[i]}: {with_parameters(state.module, state.parameters)}"
+        yield f"  The robot {module_words(state.module, state.parameters, swarm)}."
         if i and not sources:
             yield "  No transition leads to this state: robots never are in it."
         for target in dict.fromkeys(edge.target for edge in state.transitions):
             yield f"  It changes to {names[target]}"
             for edge in state.transitions:
                 if edge.target == target:
-                    yield f"    {module_words(edge.condition, edge.parameters, swarm)}"
-                    yield f"      [{with_parameters(edge.condition, edge.parameters)}]"
+                    yield f"    {module_words(edge.module, edge.parameters, swarm)}"
+                    yield f"      [{with_parameters(edge.module, edge.parameters)}]"
         if not state.transitions and n > 1:
             yield "  No transition leads out of this state: the robot stays in it to the end."
     yield ""

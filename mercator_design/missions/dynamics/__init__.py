@@ -28,7 +28,7 @@ _FLOOR = FloorTable(
     numbers=_ROWS,
 )
 _POSES = np.broadcast_to(_ROWS, _ROWS.shape)  # only to read
-_change = open_dispatcher(CHANGES, like=(_FLOOR, _ROWS, _POSES, 0.0))  # plugins add theirs
+_change = open_dispatcher("dynamics", CHANGES, like=(_FLOOR, _ROWS, _POSES, 0.0))  # plugins add theirs
 
 
 @jittable

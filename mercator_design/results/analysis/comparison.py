@@ -19,8 +19,8 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm, State
 from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.module import Module, numbered
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.module import Module
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.session.events import Number
@@ -80,7 +80,7 @@ def winner_tests(record: Record) -> dict[int, float]:
 
 def n_compared(flavour: str, runs: int) -> int:
     """The number of experiments of the others, at most, if the winner was tested on a number of instances."""
-    return (2 + len(numbered(BEHAVIOURS, flavour))) * min(runs, MAX_OTHERS)
+    return (2 + len(flavour_of(flavour).behaviours)) * min(runs, MAX_OTHERS)
 
 
 def read_comparison(folder: Path, record: Record) -> WinnerComparison | None:
@@ -170,7 +170,7 @@ def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, lis
         RANDOM: [random() for _ in range(runs)],
         **{
             behaviour.name.replace("_", " ") + ALONE: [_one_state(behaviour, flavour)] * runs
-            for behaviour in numbered(BEHAVIOURS, flavour).values()
+            for behaviour in flavour_of(flavour).numbered("behaviour").values()
         },
     }
 

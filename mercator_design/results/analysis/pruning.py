@@ -1,9 +1,7 @@
 """Counts the modules of a PFSM, and removes elements from it."""
 
-from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS, Pfsm, Transition
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import numbered
+from mercator_design.fsm.pfsm import Pfsm, Transition
+from mercator_design.modules.flavour import flavour_of
 
 Element = tuple[int, int | None]
 """A state, or a transition of it, by their numbers."""
@@ -11,11 +9,9 @@ Element = tuple[int, int | None]
 
 def max_modules(flavour: str) -> dict[str, int]:
     """The modules of a flavour, each with its maximum number in a PFSM."""
-    behaviours, conditions = numbered(BEHAVIOURS, flavour).values(), numbered(CONDITIONS, flavour).values()
-    return {
-        **{module.name: MAX_STATES for module in behaviours},
-        **{module.name: MAX_STATES * MAX_TRANSITIONS for module in conditions},
-    }
+    known = flavour_of(flavour)
+    states, transitions = known.limit("states"), known.limit("transitions")
+    return {module.name: states * (1 if module.kind == "behaviour" else transitions) for module in known.modules}
 
 
 def module_counts(pfsm: Pfsm) -> dict[str, int]:

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import Software
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import in_order
 from mercator_design.race.executors.threads import ThreadExecutor
@@ -15,6 +15,7 @@ from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.analysis.occupancy import occupancy
 from mercator_design.sim.labels import floor_labels, label_of
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import part_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +40,7 @@ class SwarmStats:
 
 def evaluate_with_stats(
     simulator: Simulator,
-    pfsm: Pfsm,
+    pfsm: Software,
     seeds: Sequence[int],
     *,
     jobs: int | None = None,
@@ -53,11 +54,11 @@ def evaluate_with_stats(
     return evaluation, _mean([stats for _, stats in found])
 
 
-def _observed(simulator: Simulator, pfsm: Pfsm, seed: int) -> tuple[float, SwarmStats]:
+def _observed(simulator: Simulator, pfsm: Software, seed: int) -> tuple[float, SwarmStats]:
     """The score of one experiment, and the statistics of the swarm in it."""
     outcome = simulator.run(pfsm, seed, record=True)
     trace, model = outcome.trace, outcome.recording.robot_model
-    states = occupancy([trace], len(pfsm.states))
+    states = occupancy([trace], len(part_names(pfsm)))
     steps = np.linalg.norm(np.diff(trace.poses[..., :2], axis=0), axis=-1)
     return outcome.score, SwarmStats(
         states=states.shares,

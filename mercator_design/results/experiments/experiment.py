@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.errors import MissionError, SimulationError
-from mercator_design.fsm.control import Controller
+from mercator_design.fsm.control import transition_taken
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.modules.reference import Readings
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import part_names
 
 MAX_READINGS = 3_000_000
 """Proximity readings that are shown; a longer experiment is shown without them."""
@@ -72,7 +74,7 @@ class ShownExperiment:
     trace: Trace
     robot_model: RobotModel
     mission: Mission | None = None
-    pfsms: tuple[Pfsm, ...] = ()
+    pfsms: tuple[Software, ...] = ()
     pfsm_of: tuple[int, ...] = ()
     named_states: tuple[tuple[str, ...], ...] = ()
     names: tuple[str, ...] = ()
@@ -95,7 +97,7 @@ class ShownExperiment:
 
     @classmethod
     def simulated(
-        cls, simulator: Simulator, pfsm: Pfsm, seed: int, *, title: str | None = None, states: tuple[str, ...] = ()
+        cls, simulator: Simulator, pfsm: Software, seed: int, *, title: str | None = None, states: tuple[str, ...] = ()
     ) -> Self:
         """Run an experiment of a PFSM, perhaps with names of its states; errors are those of `Simulator.run`."""
         mission = simulator.mission
@@ -125,7 +127,7 @@ class ShownExperiment:
 
     def state_names(self, pfsm: int) -> list[str]:
         """The names of the states of a PFSM, by its place in `pfsms`."""
-        names = self.named_states[pfsm] if self.named_states else state_names(self.pfsms[pfsm])
+        names = self.named_states[pfsm] if self.named_states else part_names(self.pfsms[pfsm])
         return [f"{k} {name}" for k, name in enumerate(names)]
 
     @property
@@ -133,7 +135,7 @@ class ShownExperiment:
         """The names of the states by colour; the states of different PFSMs have only their numbers in common."""
         if len(self.pfsms) == 1:
             return self.state_names(0)
-        return [f"state {k}" for k in range(max((len(pfsm.states) for pfsm in self.pfsms), default=0))]
+        return [f"state {k}" for k in range(max((len(part_names(pfsm)) for pfsm in self.pfsms), default=0))]
 
     @cached_property
     def score(self) -> float | None:
@@ -184,22 +186,26 @@ def _until(trace: Trace, recording: Recording | None, cycles: int) -> Trace:
     return replace(trace, poses=poses, states=states, measure=measure)
 
 
-def _fired(pfsm: Pfsm, recording: Recording) -> NDArray[np.uint8]:
+def _fired(pfsm: Software, recording: Recording) -> NDArray[np.uint8]:
     """The transitions that the robots took; see `ShownExperiment`."""
     states, readings, draws = recording.history.states, recording.recorded("readings"), recording.recorded("draws")
     before = np.vstack([np.zeros((1, states.shape[1]), dtype=states.dtype), states[:-1]])
     fired = np.zeros(states.shape, dtype=np.uint8)
-    controller = Controller(pfsm, recording.robot_model.reference_model)
+    if not isinstance(pfsm, Pfsm):  # others have no transitions
+        return fired
+    model = flavour_of(pfsm.flavour).reference_model(recording.robot_model.reference_model)
     for cycle, robot in np.argwhere(states != before):
         state = int(before[cycle, robot])
-        fired[cycle, robot] = number_fired(controller, state, readings[cycle, robot], draws[cycle, robot])
+        fired[cycle, robot] = number_fired(pfsm, model, state, readings[cycle, robot], draws[cycle, robot])
     return fired
 
 
-def number_fired(controller: Controller, state: int, readings: Iterable[float], draws: Iterable[float]) -> int:
+def number_fired(
+    pfsm: Pfsm, model: ReferenceModel, state: int, readings: Iterable[float], draws: Iterable[float]
+) -> int:
     """The number of the transition that fires in a state, from 1; 0: none."""
-    taken = controller.transition(state, Readings(*readings), tuple(draws))
-    return 0 if taken is None else 1 + controller.pfsm.states[state].transitions.index(taken)
+    taken = transition_taken(pfsm, model, state, Readings(*readings), tuple(draws))
+    return 0 if taken is None else 1 + pfsm.states[state].transitions.index(taken)
 
 
 def _perceived(recording: Recording) -> Perceived:

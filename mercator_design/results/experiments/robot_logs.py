@@ -15,6 +15,8 @@ from mercator_design.errors import RobotError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.floor import Floor
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.results.experiments.experiment import (
     ShownExperiment,
     check_extent,
@@ -26,6 +28,7 @@ from mercator_design.robot.logs.events import CycleDone, LogEnded, RunStarted
 from mercator_design.robot.logs.log import NO_END, controller_of, read, understanding
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import part_names
 
 Pose: TypeAlias = tuple[float, float, float]
 """x, y [m] and heading [rad]."""
@@ -51,7 +54,7 @@ class _RobotLog(NamedTuple):
     """The part of a robot's log that is shown."""
 
     robot: str
-    pfsm: Pfsm
+    pfsm: Software
     period: float  # [s]
     cycles: list[_Cycle]
 
@@ -127,7 +130,9 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
     with closing(read(path)) as events, understanding(path):
         start = next(events)
         assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
-        pfsm, controller = controller_of(start)
+        controller = controller_of(start)
+        software = controller.software
+        n = len(part_names(software))
         clock = start.clock
         if clock is None:
             warn(f"{path}: its clock was not compared with those of other robots")
@@ -136,12 +141,13 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
         event = None
         for event in events:
             if isinstance(event, CycleDone):
-                if event.next_state >= (n := len(pfsm.states)):
+                if event.next_state >= n:
                     wrong = f"expected a state below {n}, found {event.next_state}"
                     raise RobotError(f"{path}: cycle {event.cycle}: {wrong}")
                 fired = 0
-                if event.next_state != event.state:
-                    fired = number_fired(controller, event.state, event.readings, event.draws)
+                if event.next_state != event.state and isinstance(software, Pfsm):
+                    model = flavour_of(software.flavour).reference_model(start.reference_model)
+                    fired = number_fired(software, model, event.state, event.readings, event.draws)
                 pose = _odometry(event, cycles)
                 cycle = _Cycle(began + event.time, pose, event.next_state, fired, event.readings, event.neighbours)
                 cycles.append(cycle)
@@ -150,7 +156,7 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
     if not cycles:
         raise RobotError(f"{path}: expected control cycles, found none")
     check_extent(path.name, len(cycles), 1, start.control_period)
-    return _RobotLog(start.robot, pfsm, start.control_period, cycles)
+    return _RobotLog(start.robot, software, start.control_period, cycles)
 
 
 def _odometry(event: CycleDone, before: Sequence[_Cycle]) -> Pose:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError, excerpt
-from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import Software
 from mercator_design.results.experiments.experiment import MAX_CELLS, ShownExperiment, check_extent
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import part_names
 from mercator_design.system.files import contents_of
 
 SUFFIXES = (".csv", ".npz")
@@ -29,7 +30,7 @@ _Array: TypeAlias = NDArray[Any]
 
 
 def read_trace(
-    path: Path, simulator: Simulator, seed: int, pfsm: Pfsm | None, *, names: tuple[str, ...] = ()
+    path: Path, simulator: Simulator, seed: int, pfsm: Software | None, *, names: tuple[str, ...] = ()
 ) -> ShownExperiment:
     """An experiment from a table of poses.
 
@@ -54,8 +55,8 @@ def read_trace(
         poses = np.concatenate([start[np.newaxis] if same else poses[:1], poses])
     else:
         states = states[1:]
-    if pfsm is not None and states.max(initial=0) >= len(pfsm.states):
-        raise MissionError(f"{path}: expected states of the PFSM, below {len(pfsm.states)}, found {states.max()}")
+    if pfsm is not None and states.max(initial=0) >= (n := len(part_names(pfsm))):
+        raise MissionError(f"{path}: expected states of the control software, below {n}, found {states.max()}")
     return ShownExperiment(
         title=path.name,
         trace=Trace(

@@ -7,10 +7,11 @@ import click
 
 from mercator_design.command import FILE, print_message, print_result
 from mercator_design.errors import RobotError
-from mercator_design.fsm import Pfsm
+from mercator_design.modules.architecture import Software
 from mercator_design.modules.conditions import ground_level
 from mercator_design.robot.logs.log import Decision
 from mercator_design.robot.logs.log import replay as decisions
+from mercator_design.software.architectures import part_names
 
 
 @click.command()
@@ -27,15 +28,15 @@ def replay(log: Path) -> None:
     print_message(f"{len(found)} cycles, all decided the same")
 
 
-def _show(decided: tuple[Pfsm, Decision]) -> str:
+def _show(decided: tuple[Software, Decision]) -> str:
     """Print a decision; return how it differs from the log, if it does."""
-    pfsm, decision = decided
-    state, readings = pfsm.states[decision.state], decision.readings
+    software, decision = decided
+    readings, part = decision.readings, part_names(software)[decision.state]
     moved = f"  -> {decision.next_state} ({decision.condition})" if decision.next_state != decision.state else ""
     obstacle = math.hypot(readings.proximity_x, readings.proximity_y)
     print_result(
-        f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {state.behaviour:<14} "
+        f"{decision.cycle:6d} {decision.time:9.3f} s  state {decision.state} {part:<14} "
         f"obstacle {obstacle:4.2f}  neighbours {readings.neighbours:2.0f}  ground {ground_level(readings):5.1f}  "
-        f"wheels {decision.wheels.left:5.2f} {decision.wheels.right:5.2f}{moved}"
+        f"wheels {decision.actions.left:5.2f} {decision.actions.right:5.2f}{moved}"
     )
     return f"cycle {decision.cycle}: {decision.differs}" if decision.differs else ""

@@ -11,7 +11,6 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Length, OneOf, Range
 from mercator_design.errors import RobotError, excerpt
 from mercator_design.fsm import Readings, ReferenceModel
-from mercator_design.fsm.control import DRAWS
 from mercator_design.robot.devices.samples import FIELDS
 
 LogKind: TypeAlias = Literal["run", "recording"]
@@ -147,7 +146,7 @@ class CycleDone:
     state: Count
     next_state: Count
     readings: Annotated[tuple[Number, ...], Length(len(Readings._fields), len(Readings._fields))]
-    draws: Annotated[tuple[Draw, ...], Length(DRAWS, DRAWS)]
+    draws: Annotated[tuple[Draw, ...], Length(1)]
     wheels: tuple[Number | None, Number | None]  # None: not finite
     cpu: Number  # [s]
     program_cpu: Number  # [s]

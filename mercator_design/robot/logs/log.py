@@ -31,7 +31,8 @@ from typing import Any, Self
 
 from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import FsmError, RobotError
-from mercator_design.fsm import Controller, Pfsm, Readings, Wheels, parse
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.reference import Actions, Readings
 from mercator_design.robot.logs.events import (
     CycleDone,
     EventReader,
@@ -44,6 +45,7 @@ from mercator_design.robot.logs.events import (
     now,
     to_json,
 )
+from mercator_design.software import Controller, architecture_of
 from mercator_design.system.files import sync_folder, writing
 
 SYNC_EVERY = 1.0
@@ -161,9 +163,9 @@ def plain(value: float) -> float | None:
     return round(value, 6) + 0.0  # not -0.0
 
 
-def finite(wheels: Wheels) -> tuple[float | None, float | None]:
-    """Speeds as in a log: None if not finite."""
-    left, right = (speed if math.isfinite(speed) else None for speed in wheels)
+def finite(actions: Actions) -> tuple[float | None, float | None]:
+    """The speeds of the treads as in a log: None if not finite."""
+    left, right = (speed if math.isfinite(speed) else None for speed in (actions.left, actions.right))
     return left, right
 
 
@@ -225,22 +227,22 @@ class Decision:
     next_state: int
     condition: str  # of the transition that was taken; empty if none was
     readings: Readings
-    wheels: Wheels
+    actions: Actions
     differs: str  # how this decision differs from the log; empty if it does not
 
 
-def controller_of(start: LogEvent) -> tuple[Pfsm, Controller]:
-    """The PFSM and the controller in the start of a run's log.
+def controller_of(start: LogEvent) -> Controller:
+    """The controller in the start of a run's log.
 
     Raises:
-        FsmError: if the PFSM is not valid.
+        FsmError: if its control software is not valid.
     """
     assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
-    pfsm = parse(start.fsm, start.flavour, tolerate=lambda _: None)
-    return pfsm, Controller(pfsm, start.reference_model)
+    software = architecture_of(start.flavour).parse(start.fsm, start.flavour, tolerate=lambda _: None)
+    return Controller(software, start.reference_model)
 
 
-def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Pfsm, Decision]]:
+def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator[tuple[Software, Decision]]:
     """Run the controller of a log again on its readings and draws; `warn` is called if the log has no end.
 
     Raises:
@@ -248,20 +250,19 @@ def replay(path: Path, warn: Callable[[str], None] = lambda _: None) -> Iterator
     """
     with contextlib.closing(read(path)) as events, understanding(path):
         event = next(events)
-        pfsm, controller = controller_of(event)
+        controller = controller_of(event)
         for event in events:
             if isinstance(event, CycleDone):
-                yield pfsm, _decide(controller, event)
+                yield controller.software, _decide(controller, event)
         if not isinstance(event, LogEnded):
             warn(NO_END)
 
 
 def condition_met(controller: Controller, event: CycleDone) -> str:
-    """The condition of the transition that was taken in a cycle; empty if none was."""
+    """The condition of the transition that was taken in a cycle, or another reason; empty if the part is the same."""
     if event.next_state == event.state:
         return ""
-    taken = controller.transition(event.state, Readings(*event.readings), event.draws)
-    return "" if taken is None else taken.condition
+    return controller.reason(event.state, Readings(*event.readings), event.draws)
 
 
 def _is_near(decided: float | None, logged: float | None) -> bool:
@@ -284,7 +285,7 @@ def _decide(controller: Controller, event: CycleDone) -> Decision:
         next_state=controller.state,
         condition=condition_met(controller, event),
         readings=readings,
-        wheels=decided,
+        actions=decided,
         differs=""
         if found == logged and all(map(_is_near, speeds, event.wheels))
         else f"decides {(*found, *speeds)}, the log has {(*logged, *event.wheels)}",

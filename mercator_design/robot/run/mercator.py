@@ -11,7 +11,7 @@ import serial
 
 from mercator_design.config.colours import RGB, ColourName, Levels
 from mercator_design.errors import RobotError, RobotStopped
-from mercator_design.modules.reference import Readings, Wheels
+from mercator_design.modules.reference import Actions, Readings
 from mercator_design.robot.devices.link import Heard, Link, error_remedy, words
 from mercator_design.robot.devices.ports import DeviceName, Line
 from mercator_design.robot.devices.settings import Settings
@@ -178,14 +178,14 @@ class Mercator:
                 return self._link.stream_remedy()
         return found.remedy or self._link.remedy(found.device)
 
-    def drive(self, wheels: Wheels, *, is_dry: bool = False) -> None:
+    def drive(self, actions: Actions, *, is_dry: bool = False) -> None:
         """Turn the treads at fractions of their maximum speed; a dry run leaves them at rest.
 
         Raises:
             RobotStopped: if something has stopped the wheels, a fraction is out of range or NaN, or the port is lost.
         """
         speed = self._settings.limits.speed
-        left, right = speed * wheels.left, speed * wheels.right
+        left, right = speed * actions.left, speed * actions.right
         self.brake.check(left, right)
         self.brake.drive(*((0.0, 0.0) if is_dry else (left, right)))
 

@@ -10,10 +10,6 @@ from random import Random
 
 from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import RobotError
-from mercator_design.fsm import Controller, to_text
-from mercator_design.fsm.control import DRAWS
-from mercator_design.fsm.digest import control_digest
-from mercator_design.fsm.files import FsmFile
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES, DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
 from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
@@ -23,6 +19,9 @@ from mercator_design.robot.run.control import Control, in_control
 from mercator_design.robot.run.joint import ImmediateStart
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.robot.run.service import notify
+from mercator_design.software import Controller, text_of
+from mercator_design.software.digest import control_digest
+from mercator_design.software.files import FsmFile
 
 _LOGGED = ("position",)  # from which logs have the robot's way
 
@@ -99,7 +98,7 @@ def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: Cl
     return RunStarted(
         robot=settings.name,
         clock=clock,
-        fsm=to_text(pfsm),
+        fsm=text_of(pfsm),
         flavour=pfsm.flavour,
         header=dict(what.file.header),
         seed=what.seed,
@@ -126,8 +125,8 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
             start.begin(begin, what.period)
         thread = time.thread_time()
         state, readings = controller.state, robot.readings()
-        draws = [random.random() for _ in range(DRAWS)]
-        wheels = controller.step(readings, draws)
+        draws = [random.random() for _ in range(controller.draws)]
+        actions = controller.step(readings, draws)
         before, program = program, time.process_time()
         event = CycleDone(
             cycle=cycle,
@@ -136,7 +135,7 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
             next_state=controller.state,
             readings=tuple(readings),
             draws=tuple(draws),
-            wheels=finite(wheels),
+            wheels=finite(actions),
             cpu=round(time.thread_time() - thread, 6),
             program_cpu=round(program - before, 6),
             neighbours=tuple(robot.senses.neighbours),
@@ -147,7 +146,7 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
             lines={device: tuple(numbers) for device, numbers in robot.lines().items()},
         )
         log.note(event)
-        robot.drive(wheels, is_dry=what.is_dry)
+        robot.drive(actions, is_dry=what.is_dry)
         notify(WATCHDOG=1)
         robot.query()
-        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state]))
+        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state % len(STATE_COLOURS)]))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_h
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
-from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Method: TypeAlias = str
     Order: TypeAlias = str
 else:  # the words of this package's tables
-    Flavour, Method, Order = Literal[FLAVOURS], Literal[tuple(METHODS)], Literal[ORDERS]
+    Flavour, Method, Order = Literal[flavour_names()], Literal[tuple(METHODS)], Literal[ORDERS]
 Identity = Annotated[str, Field(max_length=MAX_ID)]
 MissionText = Annotated[str, Field(max_length=MAX_TEXT)]
 Override = Annotated[str, Field(max_length=2000)]

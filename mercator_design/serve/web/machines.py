@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from mercator_design.config import shipped
-from mercator_design.fsm.pfsm import FLAVOURS, MAX_STATES, MAX_TRANSITIONS
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.accounts.users import LOCAL, User
 from mercator_design.serve.designs import Design
@@ -32,7 +32,7 @@ _MAX_LISTED = 200
 @router.get("/fsm")
 def editor(service: TheService, user: TheUser, job: str = "", design: str = "") -> HTMLResponse:
     """Draw an FSM: `?job=ID` starts from its winner, `?design=ID` from a design."""
-    flavours = options((one, one) for one in FLAVOURS)
+    flavours = options((one, one) for one in flavour_names())
     share = '<label class="check"><input id="shared" type="checkbox"> Share it with all users</label>'
     share = "" if user.name == LOCAL.name else share
     offered = _offered(service, user, job, design)
@@ -52,7 +52,7 @@ def editor(service: TheService, user: TheUser, job: str = "", design: str = "") 
 <button type="button" id="undo">Undo</button><button type="button" id="redo">Redo</button></div>
 <div id="diagram" class="diagram"></div>
 <p class="faint hint">Drag from one state to another to add a transition. Click a state or a transition to change it;
-Delete removes it. At most {MAX_STATES} states, and {MAX_TRANSITIONS} transitions of a state.</p>
+Delete removes it. A flavour limits the numbers of states and of transitions.</p>
 <div id="notes" aria-live="polite"></div>
 </section>
 <section id="part" aria-label="Selected part"></section>

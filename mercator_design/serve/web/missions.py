@@ -10,7 +10,7 @@ from fastapi.responses import HTMLResponse
 from mercator_design.config import shipped
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MercatorError, MissionError
-from mercator_design.fsm.pfsm import FLAVOURS
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.methods.table import METHODS
 from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.missions import shipped_missions, text_of_job
@@ -120,7 +120,7 @@ def _settings(limit: int, request: RaceRequest) -> Html:
     budget = _number("budget", "Budget (number of experiments)", max(1, request.budget), 1, limit)
     fields = (
         _choice("method", "Method", METHODS, request.method),
-        _choice("flavour", "Flavour of modules", FLAVOURS, request.flavour),
+        _choice("flavour", "Flavour of modules", flavour_names(), request.flavour),
         _number("seed", "Seed", request.seed, 0, MAX_SEED),
         _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, MAX_TESTS),
         _number("priority", "Priority among your jobs", request.priority, -MAX_PRIORITY, MAX_PRIORITY),

@@ -74,15 +74,15 @@ def cost_of(request: RaceRequest, limits: UserLimits, cores: int) -> Cost:
 
 @functools.lru_cache(maxsize=64)
 def computing_times(source: MissionSource, flavour: str, limits: UserLimits) -> tuple[float, ...]:
-    """Computing times of experiments of random PFSMs [s]; cached, so that another budget costs nothing."""
+    """Computing times of some experiments [s], of random control software; remembered for other budgets."""
     simulator = Simulator(source.read(limits))
     designer = Designer(simulator, budget=_MAX_RUNS * 100, seed=1, flavour=flavour, method="random")
-    simulator.rehearse(announce=lambda _: None)
+    simulator.rehearse(announce=lambda _: None, flavour=flavour)
     times: list[float] = []
     for number, configuration in enumerate(dict.fromkeys(one.configuration for one in designer.optimizer.ask())):
         if number >= _MIN_RUNS and (number >= _MAX_RUNS or sum(times) >= _SECONDS):
             break
-        pfsm, start = designer.pfsm(configuration), time.thread_time()
-        simulator.run(pfsm, number)
+        software, start = designer.software(configuration), time.thread_time()
+        simulator.run(software, number)
         times.append(time.thread_time() - start)
     return tuple(times)

@@ -9,11 +9,10 @@ from typing import Any
 from mercator_design.config.writing import plain
 from mercator_design.designer import header_of
 from mercator_design.errors import FsmError, MissionError
-from mercator_design.fsm.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.yaml_form import parse_yaml
-from mercator_design.modules.words import KnownSwarm
+from mercator_design.modules.module import KnownSwarm
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.experiments.experiment import ShownExperiment
@@ -34,6 +33,7 @@ from mercator_design.show.report.markup import p_text
 from mercator_design.show.text.evaluations import Comparison, Evaluated, comparison_data
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 
 _MAX_CELLS = 1_000_000
 """Maximum number of cycles of all robots in a replay: 20 robots for more than an hour."""
@@ -83,7 +83,7 @@ def check_fsm(
 def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = False) -> dict[str, Any]:
     """An FSM as text, YAML, data, explanation and diagram, with findings; on a mission, if one is given."""
     on = None if simulator is None else (simulator.mission, simulator.robot_model)
-    written = fsm_yaml_text(FsmFile(pfsm=found.pfsm, header={}, names=found.names))
+    written = fsm_yaml_text(FsmFile(software=found.pfsm, header={}, names=found.names))
     swarm = KnownSwarm(_CYCLE) if on is None else KnownSwarm(on[0].control_period, on[0].robots)
     return {
         "text": to_text(found.pfsm),

@@ -7,8 +7,6 @@ from mercator_design.config import shipped
 from mercator_design.config.writing import digest_of, dump
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError, RaceError, excerpt, printable
-from mercator_design.fsm.files import FsmFile, fsm_of
-from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.missions.mission import Mission, parse_mission
 from mercator_design.race.elimination.summary import Headline
 from mercator_design.race.session.record import Record
@@ -18,6 +16,8 @@ from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.settings import UserLimits
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import robot_model_of
+from mercator_design.software.architectures import decoded
+from mercator_design.software.files import FsmFile, fsm_of
 
 FSM = "FSM"
 """Default name of a user's text in messages."""
@@ -129,7 +129,7 @@ def raced_fsm(folder: Path, record: Record, configuration: int) -> FsmFile:
         raise RaceError(f"{folder.name}: expected the number of a configuration of its race, found {configuration}")
     if record.start["task"] != "mission":
         raise RaceError(f"{folder.name}: expected a race of control software, found one of {record.start['task']}")
-    return FsmFile(pfsm=to_pfsm(record.configurations[configuration], record.start["flavour"]), header={})
+    return FsmFile(software=decoded(record.configurations[configuration], record.start["flavour"]), header={})
 
 
 def leader_of(folder: Path, record: Record) -> tuple[int, Headline]:

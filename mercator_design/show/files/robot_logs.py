@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from mercator_design import __version__
-from mercator_design.fsm import Readings, Wheels
-from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm import Readings
 from mercator_design.robot.devices.samples import FIELDS
 from mercator_design.robot.devices.sweep import BINS, STEP
 from mercator_design.robot.logs.events import (
@@ -31,6 +30,7 @@ from mercator_design.robot.logs.events import (
     to_json,
 )
 from mercator_design.robot.logs.log import NO_END, condition_met, controller_of, read, understanding
+from mercator_design.software.architectures import part_names
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
 """A topic and its message."""
@@ -42,6 +42,7 @@ _SENSED: Mapping[str, tuple[str, ...]] = {**FIELDS, "lidar": ()}
 
 _INFO = 2
 """The level of foxglove.Log."""
+_TREADS = ("left", "right")
 _CYCLE = ("cycle", "state", "next_state", "behaviour", "condition", "cpu")
 """Columns of a cycle that are also keys of the message."""
 
@@ -69,8 +70,8 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     ),
     "/readings": ("mercator.Readings", _numbers(Readings._fields)),
     "/draws": ("mercator.Draws", _object(draws=_array(_NUMBER))),
-    "/wheels": ("mercator.Wheels", _numbers(Wheels._fields)),
-    "/treads": ("mercator.Treads", _numbers(Wheels._fields)),
+    "/wheels": ("mercator.Wheels", _numbers(_TREADS)),
+    "/treads": ("mercator.Treads", _numbers(_TREADS)),
     "/neighbours": ("mercator.Neighbours", _object(places=_array(_numbers(("distance", "bearing"))))),
     "/odometry": (
         "foxglove.PoseInFrame",
@@ -170,8 +171,8 @@ class _Run(ExportedLog):
     columns = (
         *("robot", "clock", "time", *_CYCLE),
         *Readings._fields,
-        *(f"draw_{k}" for k in range(DRAWS)),
-        *Wheels._fields,
+        "draws",
+        *_TREADS,
         "neighbour_places",
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
         *(f"line_{name}_{value}" for name, values in LINES.items() for value in values),
@@ -181,12 +182,14 @@ class _Run(ExportedLog):
 
     def __init__(self, start: LogStart, events: Generator[LogEvent, None, None]) -> None:
         super().__init__(start, events)
-        self._pfsm, self._controller = controller_of(start)
+        self._controller = controller_of(start)
+        software = self._controller.software
+        self._names = part_names(software)
 
     def _state(self, event: CycleDone) -> dict[str, object]:
         """The values of _CYCLE."""
         found = {
-            "behaviour": self._pfsm.states[event.state].behaviour,
+            "behaviour": self._names[event.state],
             "condition": condition_met(self._controller, event),
         }
         return {name: found[name] if name in found else getattr(event, name) for name in _CYCLE}
@@ -199,8 +202,8 @@ class _Run(ExportedLog):
                 "time": event.time,
                 **self._state(event),
                 **Readings(*event.readings)._asdict(),
-                **{f"draw_{k}": draw for k, draw in enumerate(event.draws)},
-                **dict(zip(Wheels._fields, event.wheels, strict=True)),
+                "draws": json.dumps(event.draws, separators=(",", ":")),
+                **dict(zip(_TREADS, event.wheels, strict=True)),
                 "neighbour_places": json.dumps(event.neighbours, separators=(",", ":")),
                 **{
                     f"{kind}_{name}_{key}": _cell(value)
@@ -216,7 +219,7 @@ class _Run(ExportedLog):
             yield "/state", self._state(event)
             yield "/readings", Readings(*event.readings)._asdict()
             yield "/draws", {"draws": event.draws}
-            yield "/wheels", _present(dict(zip(Wheels._fields, event.wheels, strict=True)))
+            yield "/wheels", _present(dict(zip(_TREADS, event.wheels, strict=True)))
             places = [{"distance": distance, "bearing": bearing} for distance, bearing in event.neighbours]
             yield "/neighbours", {"places": places}
             sensed = {name: _present(values) for name, values in _sensed(event).items()}

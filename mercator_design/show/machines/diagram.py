@@ -83,7 +83,7 @@ def _box_lines(pfsm: Pfsm, k: int, names: Sequence[str], measured: Occupancy | N
     if names[k] != state.behaviour and names[k] != state_names(pfsm)[k]:
         lines.append(state.behaviour)
     if state.parameters:
-        lines.append(parameters_words(state.behaviour, state.parameters))
+        lines.append(parameters_words(state.module, state.parameters))
     if measured is not None:
         lines.append(f"{100.0 * measured.shares[k]:.1f} % of time")
     return lines
@@ -94,7 +94,7 @@ def _arrows(pfsm: Pfsm, measured: Occupancy | None) -> list[Arrow]:
     found: dict[tuple[int, int], list[tuple[int | None, tuple[str, ...]]]] = {}
     for i, state in enumerate(pfsm.states):
         for j, edge in enumerate(state.transitions):
-            parameters = parameters_words(edge.condition, edge.parameters)
+            parameters = parameters_words(edge.module, edge.parameters)
             lines = (edge.condition, *([parameters] if parameters else []))
             found.setdefault((i, edge.target), []).append((j, lines))
     if measured is not None:

@@ -1,6 +1,6 @@
 """A PFSM in the notations of other programs: Graphviz, Mermaid, TikZ."""
 
-from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.modules.module import Module
 from mercator_design.modules.words import parameters_words
 
@@ -31,10 +31,10 @@ def to_mermaid(pfsm: Pfsm, names: tuple[str, ...]) -> str:
     """A state diagram of Mermaid, as Markdown pages show it."""
     lines = ["stateDiagram-v2", "  [*] --> s0"]
     for i, (name, state) in enumerate(zip(names, pfsm.states, strict=True)):
-        lines.append(f"  s{i}: {'<br>'.join(_state_lines(name, state.behaviour, state.parameters))}")
+        lines.append(f"  s{i}: {'<br>'.join(_state_lines(name, state))}")
     for i, state in enumerate(pfsm.states):
         for edge in state.transitions:
-            label = "<br>".join(_lines(edge.condition, edge.parameters))
+            label = "<br>".join(_lines(edge))
             lines.append(f"  s{i} --> s{edge.target}: {label}")
     return "\n".join([*lines, ""])
 
@@ -53,23 +53,27 @@ def to_tikz(pfsm: Pfsm, names: tuple[str, ...]) -> str:
         r"]",
     ]
     for i, (name, state) in enumerate(zip(names, pfsm.states, strict=True)):
-        words = r" \\ ".join(map(_latex, _state_lines(name, state.behaviour, state.parameters)))
+        words = r" \\ ".join(map(_latex, _state_lines(name, state)))
         lines.append(rf"  \node[state{', initial' * (i == 0)}] (s{i}) at {places[i]} {{{words}}};")
     for i, state in enumerate(pfsm.states):
         for target in dict.fromkeys(edge.target for edge in state.transitions):
             edges = [edge for edge in state.transitions if edge.target == target]
-            words = r" \\ ".join(_latex(", ".join(_lines(edge.condition, edge.parameters))) for edge in edges)
+            words = r" \\ ".join(_latex(", ".join(_lines(edge))) for edge in edges)
             lines.append(rf"  \path (s{i}) edge node[condition, pos=0.35] {{{words}}} (s{target});")
     return "\n".join([*lines, r"\end{tikzpicture}", r"\end{document}", ""])
 
 
-def _state_lines(name: str, behaviour: str, values: tuple[float, ...]) -> list[str]:
+def _state_lines(name: str, state: State) -> list[str]:
     """The name of a state, its behaviour if the name is another, its parameters."""
-    return [name, *([] if name == behaviour else [behaviour]), *filter(None, [parameters_words(behaviour, values)])]
+    return [
+        name,
+        *([] if name == state.behaviour else [state.behaviour]),
+        *filter(None, [parameters_words(state.module, state.parameters)]),
+    ]
 
 
-def _lines(condition: str, values: tuple[float, ...]) -> list[str]:
-    return [condition, *filter(None, [parameters_words(condition, values)])]
+def _lines(edge: Transition) -> list[str]:
+    return [edge.condition, *filter(None, [parameters_words(edge.module, edge.parameters)])]
 
 
 def _latex(text: str) -> str:

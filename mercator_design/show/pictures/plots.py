@@ -28,6 +28,7 @@ from mercator_design.show.pictures.scenery import (
     name_zones,
     state_colour,
 )
+from mercator_design.software.architectures import part_names
 
 _COLUMN, _WIDTH, _LEFT = 4.9, 3.7, 0.6  # [inches] a column, the axes in it, and the space left of them
 _ABOVE, _BELOW = 0.3, 0.5  # [inches] the space for the legend, and for the axis
@@ -129,7 +130,7 @@ def _states(axes: Axes, shown: ShownExperiment) -> None:
     """The state of each robot over time."""
     trace = shown.trace
     seconds = trace.cycles * trace.control_period
-    n = max((len(pfsm.states) for pfsm in shown.pfsms), default=0)
+    n = max((len(part_names(pfsm)) for pfsm in shown.pfsms), default=0)
     colours = [state_colour(k) for k in range(n)] if n else [UNKNOWN]
     states = trace.states.T if n else np.zeros_like(trace.states.T)
     axes.imshow(

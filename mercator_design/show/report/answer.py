@@ -7,7 +7,8 @@ from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
-from mercator_design.modules.words import KnownSwarm, module_words, robots_words
+from mercator_design.modules.module import KnownSwarm
+from mercator_design.modules.words import module_words, robots_words
 from mercator_design.race.elimination.summary import CONFIDENCE, Headline
 from mercator_design.results.analysis.comparison import WinnerComparison
 from mercator_design.results.analysis.occupancy import occupancy
@@ -76,7 +77,7 @@ def _words(facts: Facts, pfsm: Pfsm) -> Html:
     if mission is None or model is None:
         return Html()
     names, swarm = state_names(pfsm), KnownSwarm(mission.control_period, mission.robots)
-    does = dict.fromkeys(module_words(state.behaviour, state.parameters, swarm) for state in pfsm.states)
+    does = dict.fromkeys(module_words(state.module, state.parameters, swarm) for state in pfsm.states)
     when = "; its conditions decide when" if len(does) > 1 else ""
     findings = "".join(
         f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in lint(pfsm, names, mission, model)

@@ -8,8 +8,9 @@ from typing import Any
 from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.text import to_text
 from mercator_design.missions.plugins import plugins
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import with_parameters
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.task import RaceResult, Task
@@ -19,6 +20,7 @@ from mercator_design.scores import ScoreRange
 from mercator_design.show.text.columns import aligned
 from mercator_design.show.text.iterations import iteration_notes, iterations_table
 from mercator_design.sim.checks.no_effect import dead_conditions, dead_transitions
+from mercator_design.software.architectures import architecture_of, text_of
 
 _FILES = ("results.csv", "journal.jsonl", "provenance.json")
 
@@ -82,8 +84,7 @@ def _request(task: Task[Any]) -> list[str]:
 
 
 def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path) -> list[str]:
-    pfsm = designer.pfsm(result.configuration)
-    dead = dead_transitions(designer.simulator.mission, designer.simulator.robot_model, pfsm)
+    software = designer.software(result.configuration)
     loaded = [word for plugin in plugins() for word in ("--plugin", str(plugin.file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *loaded]
     if result.headline.is_fresh:
@@ -92,9 +93,9 @@ def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path
         *winner_lines(result.configuration, view, designer.possible_scores),
         f"           on {'the same' if result.headline.is_fresh else 'fresh'} instances: {shlex.join(evaluate)}",
         *test_lines(view, result.tests),
-        *(f"           {line}" for line in describe(pfsm, dead)),
+        *(f"           {line}" for line in _parts(software, designer)),
         "",
-        to_text(pfsm),
+        text_of(software),
     ]
 
 
@@ -165,13 +166,23 @@ def _roles(view: RaceView) -> dict[int, str]:
     return roles
 
 
+def _parts(software: Software, designer: Designer) -> list[str]:
+    """The parts of control software in words, a line for each."""
+    simulator = designer.simulator
+    if isinstance(software, Pfsm):
+        return describe(software, dead_transitions(simulator.mission, simulator.robot_model, software))
+    architecture = architecture_of(software.flavour)
+    swarm = KnownSwarm(simulator.mission.control_period, simulator.mission.robots)
+    return architecture.explanation(software, architecture.names(software), swarm).splitlines()
+
+
 def describe(pfsm: Pfsm, dead: Container[tuple[int, int]] = ()) -> list[str]:
     """A PFSM in words, a line for each state and transition; dead transitions, by state and number, never fire."""
     lines = []
     for i, state in enumerate(pfsm.states):
-        lines.append(f"state {i}: {with_parameters(state.behaviour, state.parameters)}")
+        lines.append(f"state {i}: {with_parameters(state.module, state.parameters)}")
         for j, transition in enumerate(state.transitions):
-            condition = with_parameters(transition.condition, transition.parameters)
+            condition = with_parameters(transition.module, transition.parameters)
             never = ", which never fires on this mission" if (i, j) in dead else ""
             lines.append(f"  -> {transition.target} on {condition}{never}")
     return lines

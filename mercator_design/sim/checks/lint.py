@@ -90,7 +90,7 @@ class _Linter:
         self.situations = _situations(mission, model)
         reference = model.reference_model if model else ReferenceModel()
         self.chances = {
-            (i, j): [edge.module.function(reference, each, edge.parameters) for each in self.situations]
+            (i, j): [edge.module.probability(reference, each, edge.parameters) for each in self.situations]
             for i, j, edge in self._edges()
         }
         self.dead = {place for place, chances in self.chances.items() if max(chances) <= NEGLIGIBLE}
@@ -143,7 +143,12 @@ class _Linter:
     def _why_never(self, edge: Transition, chances: Sequence[float]) -> str:
         if (beta := _beta(edge)) is not None and beta <= NEGLIGIBLE:
             return f"never fires: its beta is {beta:g}"
-        if edge.module.colours and self.model is not None and not self.model.sees_colours:
+        if (
+            edge.module.labelled
+            and "ground" in edge.module.reads
+            and self.model is not None
+            and not self.model.sees_colours
+        ):
             return f"never fires: robot {self.model.name} sees only how bright the ground is"
         if "neighbours" in edge.module.reads:
             neighbours = max(int(each.neighbours) for each in self.situations)

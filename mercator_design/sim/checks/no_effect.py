@@ -10,8 +10,8 @@ import numpy as np
 from mercator_design.config.colours import COLOURS, RGB, Colour, ColourName
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
-from mercator_design.modules.conditions import COLOUR_LABELS, CONDITIONS
-from mercator_design.modules.module import Module, numbered
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
+from mercator_design.modules.module import Module
 from mercator_design.modules.perception import gray_level, ground_by_vote
 from mercator_design.modules.reference import Readings
 from mercator_design.sim.labels import floor_labels, label_of, misread, simulated_labels
@@ -31,31 +31,32 @@ def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: 
     """
     yield from model_warnings(model)
     if pfsm is None:
-        places = [(flavour, module) for module in numbered(CONDITIONS, flavour).values()]
+        places = [(flavour, module) for module in flavour_of(flavour).numbered("condition").values()]
     else:
         places = [(place, one.module) for place, one in pfsm.nodes]
     for place, module in places:
-        if module.colours and not model.sees_colours:
+        if module.needs_colours and not model.sees_colours:
             yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"
     if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
         named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
         yield f"never fires on {mission.name}, whose robots see {seen_colours(mission, model)}: {named}"
     yield from swarm_warnings(mission, model)
-    yield from floor_warnings(mission, model, numbered(CONDITIONS, flavour).values())
+    yield from floor_warnings(mission, model, flavour_of(flavour).numbered("condition").values())
 
 
 def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[str]:
     """The conditions of a flavour that never fire on a mission, each with its labels if only some of them do not."""
     dead = []
-    for condition in numbered(CONDITIONS, flavour).values():
-        if condition.colours:
+    for condition in flavour_of(flavour).numbered("condition").values():
+        if condition.labelled:
+            known = condition.parameters[-1].labels
             labels = [
                 label
-                for number, label in enumerate(COLOUR_LABELS)
+                for number, label in enumerate(known)
                 if not can_fire(mission, model, condition, (1.0, float(number)))
             ]
             if labels:
-                dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(COLOUR_LABELS) else ""))
+                dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(known) else ""))
         elif not can_fire(mission, model, condition, (1.0, 1.0)):
             dead.append(condition.name)
     return dead
@@ -75,15 +76,16 @@ def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: S
     """Whether a module can make a difference: there is something to sense, and a condition can fire."""
     if ("light" in module.reads and not mission.lights) or ("neighbours" in module.reads and mission.robots == 1):
         return False
-    return module not in CONDITIONS or can_fire(mission, model, module, parameters)
+    return module.kind == "behaviour" or can_fire(mission, model, module, parameters)
 
 
 def can_fire(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
     """Whether a condition can fire on the floor of a mission; True if that is not known."""
     levels = ground_levels(mission, model)
-    if condition.reads != {"ground"} or levels is None:
+    if condition.reads != {"ground"} or condition.memory > 0 or levels is None:
         return True
-    return any(condition.function(model.reference_model, readings_on(model, one), parameters) != 0.0 for one in levels)
+    probability, constants = condition.probability, model.reference_model
+    return any(probability(constants, readings_on(model, one), parameters) != 0.0 for one in levels)
 
 
 def ground_levels(mission: Mission, model: RobotModel) -> list[RGB] | None:
@@ -119,7 +121,7 @@ def model_warnings(model: RobotModel) -> Iterator[str]:
         )
 
 
-def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Module] = CONDITIONS) -> Iterator[str]:
+def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Module] | None = None) -> Iterator[str]:
     """Warn if the labels are not those of the floor, and of colours that robots confuse."""
     if model.ground is None:
         return
@@ -127,7 +129,9 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
     if labels and labels != (expected := floor_labels(mission.floor)):
         yield _label_warning(mission, model, labels, expected)
         labels = expected  # what else is wrong with the floor
-    readers = [condition for condition in conditions if "ground" in condition.reads]
+    if conditions is None:
+        conditions = flavour_of(DEFAULT_FLAVOUR).numbered("condition").values()
+    readers = [condition for condition in conditions if condition.reads == {"ground"} and condition.memory == 0]
     alike: dict[tuple[float, ...], list[str]] = {}
     for levels, colour in mission.floor.colours().items():
         written = colour if isinstance(colour, str) else str(list(colour))
@@ -139,9 +143,9 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
             continue
         readings = readings_on(model, COLOURS[label_of(labels, levels)] if labels else levels)
         holds = tuple(
-            reader.function(model.reference_model, readings, (1.0, float(label)))
+            reader.probability(model.reference_model, readings, (1.0, float(label)))
             for reader in readers
-            for label in range(len(COLOUR_LABELS))
+            for label in range(len(reader.parameters[-1].labels) or 1)
         )
         alike.setdefault(holds, []).append(written)
     for colours in alike.values():

@@ -12,12 +12,11 @@ then each robot senses and decides. So a command moves the robot one cycle later
 
 import math
 
-from mercator_design.fsm.control import DRAWS, STATE, control_cycle
-from mercator_design.fsm.pfsm import Program
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
+from mercator_design.modules.architecture import ControlProgram
 from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
-from mercator_design.modules.reference import ReferenceModel
+from mercator_design.modules.reference import ACTIVE, ReferenceModel
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
     Bridge,
@@ -36,6 +35,7 @@ from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.swarm import History, Swarm
+from mercator_design.software.architectures import control
 
 EVERYTHING = PROXIMITY | NEIGHBOURS | GROUND | LIGHT
 """All senses; a sense that the robot lacks has neutral readings."""
@@ -147,7 +147,7 @@ def _part(bridge: Bridge, swarm: Swarm) -> None:
 
 @jittable
 def sense_and_control(
-    scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History, cycle: int
+    scene: Scene, model: ReferenceModel, program: ControlProgram, swarm: Swarm, history: History, cycle: int
 ) -> None:
     """Change the floor; every robot senses what its state reads, decides and sets its wheels for the next cycle."""
     change_floor(scene.floor, history.poses[cycle + 1], (cycle + 1) * scene.control_period)
@@ -156,25 +156,29 @@ def sense_and_control(
     for state in range(len(program.reads)):
         read |= _needed(model, program.reads[state])
     always = EVERYTHING if records else read & _remembered(model)
+    n_draws = len(swarm.draws)
     for i in range(len(swarm.poses)):
-        senses = _needed(model, program.reads[int(swarm.memory[i, STATE])]) | always
+        senses = _needed(model, program.reads[int(swarm.memory[i, ACTIVE])]) | always
         readings = sense(scene, model, swarm, cycle, i, senses)
-        for k in range(DRAWS):
-            swarm.draws[k] = uniform(swarm.control_keys[i], cycle * DRAWS + k)
-        wheels = control_cycle(model, program, readings, swarm.memory[i], swarm.draws)
-        history.states[cycle, i] = int(swarm.memory[i, STATE])
+        for k in range(n_draws):
+            swarm.draws[k] = uniform(swarm.control_keys[i], cycle * n_draws + k)
+        actions = swarm.actions[i]
+        control(model, program, readings, swarm.memory[i], swarm.draws, actions)
+        history.states[cycle, i] = int(swarm.memory[i, ACTIVE])
+        history.led_colours[cycle, i] = int(actions[2])
+        history.signals[cycle, i] = int(actions[3])
         for side in range(2):
-            speed = wheels[side] * scene.maximum_speed
+            speed = actions[side] * scene.maximum_speed
             if scene.wheel_noise[0] != NO_NOISE:
                 speed += speed * noise(scene.wheel_noise, swarm.noise_keys[i], WHEELS_DRAWS, 2 * cycle + side)
             swarm.commands[i, side] = speed
         if records:
             for k in range(len(readings)):
                 history.readings[cycle, i, k] = readings[k]
-            for k in range(DRAWS):
+            for k in range(n_draws):
                 history.draws[cycle, i, k] = swarm.draws[k]
             for side in range(2):
-                history.wheels[cycle, i, side] = wheels[side]
+                history.wheels[cycle, i, side] = actions[side]
                 history.commands[cycle, i, side] = swarm.commands[i, side]
 
 
@@ -199,7 +203,7 @@ def _remembered(model: ReferenceModel) -> int:
 
 @jittable
 def experiment(
-    bridge: Bridge, scene: Scene, model: ReferenceModel, program: Program, swarm: Swarm, history: History
+    bridge: Bridge, scene: Scene, model: ReferenceModel, program: ControlProgram, swarm: Swarm, history: History
 ) -> None:
     """Run a whole experiment from the poses that the swarm is in; its space is built, and then taken down.
 

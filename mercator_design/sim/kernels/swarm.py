@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Keys, Numbers
-from mercator_design.fsm.control import DRAWS, MEMORY
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 
@@ -25,7 +24,8 @@ class Swarm(NamedTuple):
     targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
     close: Flags  # (robots,) whether a robot could touch something in this cycle
     held: Flags  # (robots,) whether it is in Chipmunk's space
-    memory: Floats  # (robots, MEMORY) of the controllers
+    memory: Floats  # (robots, numbers) of the controllers
+    actions: Floats  # (robots, ACTIONS) what they do in this cycle
     control_keys: Keys  # (robots,) streams of draws
     noise_keys: Keys
     # What robots remember of what they perceived; no rows if the reference model remembers nothing.
@@ -47,16 +47,18 @@ class Swarm(NamedTuple):
     bearings_x: Floats  # (the same,)
     bearings_y: Floats  # (the same,)
     ground: Floats  # (3,)
-    draws: Floats  # (DRAWS,)
+    draws: Floats  # (draws of a control cycle,)
 
 
 class History(NamedTuple):
     """The record of an experiment; the last four have no rows unless everything is recorded."""
 
     poses: Floats  # (cycles + 1, robots, 3)
-    states: NDArray[np.int8]  # (cycles, robots)
+    states: NDArray[np.int8]  # (cycles, robots) active parts of the control software
+    led_colours: NDArray[np.int8]  # (cycles, robots) that modules have set; -1: none
+    signals: NDArray[np.int8]  # (cycles, robots)
     readings: Floats  # (cycles, robots, fields of Readings)
-    draws: Floats  # (cycles, robots, DRAWS)
+    draws: Floats  # (cycles, robots, draws)
     wheels: Floats  # (cycles, robots, 2) fractions of the maximum speed
     commands: Floats  # (cycles, robots, 2) what the treads then do [m/s], noise included
 
@@ -75,7 +77,8 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         targets=np.zeros((n, 3)),
         close=np.zeros(n, dtype=np.bool_),
         held=np.zeros(n, dtype=np.bool_),
-        memory=np.zeros((n, MEMORY)),
+        memory=np.zeros((n, 0)),
+        actions=np.zeros((n, ACTIONS)),
         control_keys=control_keys,
         noise_keys=noise_keys,
         heard=np.zeros((n, n, 1 + recalled, 3) if recalled else (0, 0, 1, 3)),
@@ -94,18 +97,28 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         bearings_x=np.zeros(max_neighbours),
         bearings_y=np.zeros(max_neighbours),
         ground=np.zeros(3),
-        draws=np.zeros(DRAWS),
+        draws=np.zeros(0),
     )
 
 
-def new_history(cycles: int, robots: int, *, everything: bool) -> History:
-    """Arrays for the record of an experiment."""
+def controlled(swarm: Swarm, *, memory: int, draws: int) -> Swarm:
+    """A swarm with room for control software that keeps so many numbers, and makes so many draws in a cycle."""
+    n = len(swarm.poses)
+    actions = np.zeros((n, ACTIONS))
+    actions[:, 2] = -1.0  # no LED colour is set
+    return swarm._replace(memory=np.zeros((n, memory)), actions=actions, draws=np.zeros(draws))
+
+
+def new_history(cycles: int, robots: int, *, everything: bool, draws: int = 0) -> History:
+    """Arrays for the record of an experiment whose control software makes so many draws in a cycle."""
     rows = cycles if everything else 0
     return History(
         poses=np.empty((cycles + 1, robots, 3)),
         states=np.empty((cycles, robots), dtype=np.int8),
+        led_colours=np.empty((cycles, robots), dtype=np.int8),
+        signals=np.empty((cycles, robots), dtype=np.int8),
         readings=np.empty((rows, robots, len(Readings._fields))),
-        draws=np.empty((rows, robots, DRAWS)),
+        draws=np.empty((rows, robots, draws)),
         wheels=np.empty((rows, robots, 2)),
         commands=np.empty((rows, robots, 2)),
     )

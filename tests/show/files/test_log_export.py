@@ -18,8 +18,7 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from mercator_design.fsm import Readings, Wheels
-from mercator_design.fsm.control import DRAWS
+from mercator_design.fsm import Readings
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import NoteTaken, RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import Log, controller_of, to_lines
@@ -77,11 +76,11 @@ class TestCsv:
     def test_every_number_is_that_of_the_log(self, table, cycles):
         columns = {
             tuple(Readings._fields): "readings",
-            tuple(f"draw_{k}" for k in range(DRAWS)): "draws",
-            Wheels._fields: "wheels",
+            ("left", "right"): "wheels",
         }
         for names, kind in columns.items():
             assert table[list(names)].to_numpy().tolist() == [event[kind] for event in cycles]
+        assert [*map(json.loads, table.draws)] == [event["draws"] for event in cycles]
         for name in ("time", "cycle", "state", "next_state", "cpu"):
             assert table[name].tolist() == [event[name] for event in cycles]
         assert [*map(json.loads, table.neighbour_places)] == [event["neighbours"] for event in cycles]
@@ -122,7 +121,7 @@ class TestCsv:
         for log in logs:
             file = io.BytesIO()
             to_csv(log, file)
-            pfsm, _ = controller_of(next(log_module.read(log)))
+            pfsm = controller_of(next(log_module.read(log)))
             for row in pd.read_csv(io.BytesIO(file.getvalue()), keep_default_na=False).to_dict("records"):
                 state = pfsm.states[row["state"]]
                 assert row["behaviour"] == state.behaviour

@@ -10,7 +10,6 @@ import pytest
 from mercator_design.api import evaluate, simulate
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
-from mercator_design.fsm.files import read_fsm, read_fsms
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.analysis.pairs import compared
 from mercator_design.race.elimination.summary import Scores
@@ -19,6 +18,7 @@ from mercator_design.results.analysis.swarm import evaluate_with_stats
 from mercator_design.show.text.evaluations import Comparison, Evaluated, comparison_text
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import read_fsm, read_fsms
 
 STOP, WALK, W1 = (
     "--nstates 1 --s0 1",

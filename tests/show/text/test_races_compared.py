@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from mercator_design.api import evaluate, fresh_instances
-from mercator_design.fsm.files import read_fsm
 from mercator_design.missions.mission import load_mission
 from mercator_design.show.text.runs import runs_table
+from mercator_design.software.files import read_fsm
 
 pytestmark = pytest.mark.together
 

@@ -1,16 +1,11 @@
 """The bodies of requests and answers on FSMs."""
 
-import typing
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mercator_design.config.schema import comments_of, origin_of, parameters_of, unit_of
-from mercator_design.fsm.pfsm import MAX_STATES, MAX_TRANSITIONS
-from mercator_design.modules.behaviours import BEHAVIOURS
-from mercator_design.modules.conditions import CONDITIONS
-from mercator_design.modules.module import Module, ModuleParameter, numbered
-from mercator_design.modules.words import BEHAVIOUR_WORDS, CONDITION_WORDS, Words
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.module import Module, ModuleParameter
 from mercator_design.serve.http.schemas import MAX_SEED, Body, Flavour, Identity, MissionGiven, one_of
 
 MAX_FSMS = 6
@@ -42,29 +37,28 @@ class ModuleAnswer(BaseModel):
     parameters: list[ParameterAnswer]
 
     @classmethod
-    def of(cls, number: int, module: Module, words: Words) -> "ModuleAnswer":
-        """Answer for a row of BEHAVIOURS or CONDITIONS."""
+    def of(cls, number: int, module: Module) -> "ModuleAnswer":
+        """The answer on a module with its number in a flavour."""
         return cls(
             name=module.name,
             number=number,
-            description=(words.__doc__ or "").strip(),
+            description=f"{module.sentence}.",
             senses=sorted(module.reads),
-            parameters=[_parameter(one, words) for one in module.parameters],
+            parameters=[_parameter(module, one) for one in module.parameters],
         )
 
 
-def _parameter(one: ModuleParameter, words: Words) -> ParameterAnswer:
-    kind, _ = parameters_of(words)[one.name]
+def _parameter(module: Module, one: ModuleParameter) -> ParameterAnswer:
     low, high = one.sampled
     middle = 0.5 * (low + high)
-    comment, unit = comments_of(words)[one.name], unit_of(words, one.name)
+    comment, unit = module.meanings.get(one.name, ""), module.unit(one.name)
     return ParameterAnswer(
         name=one.name,
         low=one.low,
         high=one.high,
         integer=one.integer,
         middle=round(middle) if one.integer else middle,
-        words=[str(word) for word in typing.get_args(kind)] if origin_of(kind) is Literal else [],
+        words=list(one.labels),
         unit=unit,
         description=comment.removeprefix(f"[{unit}]").strip(),
     )
@@ -81,14 +75,15 @@ class Modules(BaseModel):
 
     @classmethod
     def of(cls, flavour: Flavour) -> "Modules":
+        known = flavour_of(flavour)
         behaviours, conditions = (
-            [ModuleAnswer.of(number, module, words[module.name]) for number, module in numbered(table, flavour).items()]
-            for table, words in ((BEHAVIOURS, BEHAVIOUR_WORDS), (CONDITIONS, CONDITION_WORDS))
+            [ModuleAnswer.of(number, module) for number, module in known.numbered(kind).items()]
+            for kind in ("behaviour", "condition")
         )
         return cls(
             flavour=flavour,
-            max_states=MAX_STATES,
-            max_transitions=MAX_TRANSITIONS,
+            max_states=known.limit("states"),
+            max_transitions=known.limit("transitions"),
             behaviours=behaviours,
             conditions=conditions,
         )

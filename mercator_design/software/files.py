@@ -1,18 +1,22 @@
-"""Files of PFSMs: fsm.txt, which is AutoMoDe's command line below comments, and fsm.yaml, which people read.
+"""Files of control software: fsm.txt, a line of its text below comments, and fsm.yaml, a PFSM that people read.
 
 A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt. PyYAML is imported
 only for an fsm.yaml, because commands import this module at their start.
 """
 
+import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
-from mercator_design.fsm.pfsm import FLAVOURS, Pfsm
-from mercator_design.fsm.text import Warn, other_flavour, out_of_domain, parse, to_text
-from mercator_design.fsm.words.names import is_state_name, state_names
+from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.text import other_flavour, out_of_domain
+from mercator_design.fsm.words.names import is_state_name
+from mercator_design.modules.architecture import Architecture, Software, Warn
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names
+from mercator_design.software.architectures import ARCHITECTURES, architecture_of, text_of
 from mercator_design.system.files import small_text
 
 _MAX_SIZE = 64 * 1024
@@ -25,19 +29,31 @@ _YAML_BEGINS = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FsmFile:
-    """What a file of a PFSM holds."""
+    """What a file of control software holds."""
 
-    pfsm: Pfsm
+    software: Software
     header: Mapping[str, str]  # what is known of it: the comment lines of an fsm.txt, or `header` of an fsm.yaml
-    names: tuple[str, ...] = ()  # of its states; by default those of their behaviours
+    names: tuple[str, ...] = ()  # of its parts, for example states; by default the usual ones
 
     def __post_init__(self) -> None:
         if not self.names:
-            object.__setattr__(self, "names", state_names(self.pfsm))
+            object.__setattr__(self, "names", architecture_of(self.software.flavour).names(self.software))
 
     def __repr__(self) -> str:
         of = f" of {excerpt(self.header['mission'])}" if "mission" in self.header else ""
-        return f"<FsmFile{of}: {self.pfsm.summary}>"
+        return f"<FsmFile{of}: {self.software.summary}>"
+
+    @property
+    def pfsm(self) -> Pfsm:
+        """The PFSM.
+
+        Raises:
+            FsmError: It is control software of another architecture.
+        """
+        if not isinstance(self.software, Pfsm):
+            noun = architecture_of(self.software.flavour).noun
+            raise FsmError(f"expected a PFSM, found a {noun} ({self.software.flavour}): this is done with PFSMs only")
+        return self.software
 
 
 def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
@@ -62,12 +78,12 @@ def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn 
     header, found = _lines(text)
     if len(found) != 1:
         where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
-        raise FsmError(f"{label}: expected one line with a PFSM, found {len(found) or 'none'} ({where})")
+        raise FsmError(f"{label}: expected one line with control software, found {len(found) or 'none'} ({where})")
     return _read_line(*found[0], header, label, flavour, tolerate)
 
 
 def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> dict[int, FsmFile]:
-    """Read a file of several PFSMs, one on each line, as published data sets have them; by the number of the line.
+    """Read a file of control software, one on each line, as published data sets have them; by the number of the line.
 
     The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
     `read_fsm`.
@@ -103,7 +119,7 @@ def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None
             raise FsmError(
                 f"{label}: header: expected no key '{key}': an fsm.yaml says this at its top and in its states"
             )
-    return FsmFile(pfsm=pfsm, header=header, names=named.names)
+    return FsmFile(software=pfsm, header=header, names=named.names)
 
 
 def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
@@ -124,28 +140,55 @@ def _read_line(
     number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Warn | None
 ) -> FsmFile:
     header = dict(header)
-    named = header.pop(_FLAVOUR, FLAVOURS[0])
-    if flavour is None and named not in FLAVOURS:
-        known = ", ".join(FLAVOURS)
+    named = header.pop(_FLAVOUR, DEFAULT_FLAVOUR)
+    if flavour is None and named not in flavour_names():
+        known = ", ".join(flavour_names())
         raise FsmError(f"{label}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
     try:
-        pfsm = parse(line, flavour or named, tolerate=tolerate)
+        software = parse_software(line, flavour or named, tolerate=tolerate)
     except FsmError as error:
         raise FsmError(f"{label}:{number}: {error}") from None
     names = tuple(name.strip() for name in header.pop(_NAMES).split(",")) if _NAMES in header else ()
-    if names and not (len(set(names)) == len(names) == len(pfsm.states) and all(map(is_state_name, names))):
-        expected = f"expected {len(pfsm.states)} different names with commas between"
+    usual = architecture_of(software.flavour).names(software)
+    if names and not (len(set(names)) == len(names) == len(usual) and all(map(is_state_name, names))):
+        expected = f"expected {len(usual)} different names with commas between"
         raise FsmError(f"{label}: {_NAMES} in the header: {expected}, found '{excerpt(', '.join(names))}'")
-    return FsmFile(pfsm=pfsm, header=header, names=names)
+    return FsmFile(software=software, header=header, names=names)
 
 
-def fsm_file_text(pfsm: Pfsm, header: Mapping[str, str], names: tuple[str, ...] = ()) -> str:
-    """The text of an fsm.txt; the flavour is always in its header, names of states if they are not the usual ones."""
-    entries = {_FLAVOUR: pfsm.flavour, **header}
-    if names and names != state_names(pfsm):
+def parse_software(line: str, flavour: str, *, tolerate: Warn | None = None) -> Software:
+    """The control software of a text; arguments and errors are those of `Architecture.parse`.
+
+    The error says so if the text is of another architecture, with the flavour to give.
+    """
+    try:
+        software: Software = architecture_of(flavour).parse(line, flavour, tolerate=tolerate)
+    except FsmError as error:
+        for other in ARCHITECTURES.values():
+            if other is not architecture_of(flavour) and (found := _flavours_of(line, other)):
+                noun, names = other.noun, " or ".join(found)
+                raise FsmError(f"this is a {noun} of {names}; use --flavour {found[0]}") from None
+        raise FsmError(*error.messages) from None
+    return software
+
+
+def _flavours_of(line: str, architecture: Architecture) -> list[str]:
+    """The flavours of an architecture that can read a text."""
+    found = []
+    for flavour in flavour_names(architecture.name):
+        with contextlib.suppress(FsmError):
+            architecture.parse(line, flavour)
+            found.append(flavour)
+    return found
+
+
+def fsm_file_text(software: Software, header: Mapping[str, str], names: tuple[str, ...] = ()) -> str:
+    """The text of an fsm.txt; the flavour is always in its header, names of parts if they are not the usual ones."""
+    entries = {_FLAVOUR: software.flavour, **header}
+    if names and names != architecture_of(software.flavour).names(software):
         entries[_NAMES] = ", ".join(names)
     comments = [f"# {key}: {' '.join(str(value).split())}" for key, value in entries.items()]
-    return "\n".join([*comments, to_text(pfsm)]) + "\n"
+    return "\n".join([*comments, text_of(software)]) + "\n"
 
 
 def fsm_yaml_text(file: FsmFile) -> str:

@@ -4,9 +4,10 @@ import hashlib
 from importlib.resources import files
 
 FILES = {
-    "modules": ("behaviours", "clustering", "conditions", "module", "perception", "reference"),
+    "modules": ("behaviours", "clustering", "conditions", "flavour", "module", "perception", "reference"),
     "fsm": ("control", "pfsm"),
     "network": ("control", "inputs", "network"),
+    "software": ("architectures", "controller"),
 }
 """Those of some folders of this package."""
 

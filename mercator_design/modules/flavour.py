@@ -1,0 +1,196 @@
+"""Flavours: of which modules control software is made, by which numbers and within which limits.
+
+A flavour is a YAML file. Shipped ones lie in scenarios/flavours/. Control software, texts and races refer to them by
+name, and a process has one flavour of each name.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+import mercator_design.modules.behaviours
+import mercator_design.modules.conditions  # noqa: F401 - which enter the shipped modules
+from mercator_design.config import shipped, spelling
+from mercator_design.config.loading import parse
+from mercator_design.config.schema import FieldError, Name, Range, check, describe, fields_of, unwrapped
+from mercator_design.config.writing import digest_of
+from mercator_design.config.yaml_tree import FromFile
+from mercator_design.errors import FsmError, excerpt
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module
+from mercator_design.modules.reference import ReferenceModel
+from mercator_design.system.files import small_text
+
+DEFAULT_FLAVOUR = "watermelon"
+_MAX_SIZE = 64 * 1024
+_LIMITS = {"pfsm": ("states", "transitions")}
+_MAX_LIMIT = 16
+
+Number = Annotated[int, Range(0, 99)]
+Limit = Annotated[int, Range(1, _MAX_LIMIT)]
+Constant = Annotated[float, Range(-1e9, 1e9)]
+
+
+def _modules_exist(behaviours: Mapping[str, int], conditions: Mapping[str, int] | None) -> Iterator[FieldError]:
+    for key, given, table in (("behaviours", behaviours, BEHAVIOURS), ("conditions", conditions or {}, CONDITIONS)):
+        kind = key.removesuffix("s")
+        for name in given:
+            if name not in table:
+                near = spelling.nearest(name, table)
+                hint = (
+                    f"did you mean '{near}'?" if near else f"it is one of {', '.join(table)}, or of a plugin (--plugin)"
+                )
+                yield FieldError(f"{key}.{name}", f"no such {kind}; {hint}")
+        numbers = [*given.values()]
+        for name, number in given.items():
+            first = next(one for one in given if given[one] == number)
+            if numbers.count(number) > 1 and name != first:
+                yield FieldError(f"{key}.{name}", f"expected a number of its own, found {number}, that of {first}")
+    if not behaviours:
+        yield FieldError("behaviours", "expected one behaviour at least, found none")
+
+
+def _limits_are_known(architecture: str, limits: Mapping[str, int] | None) -> Iterator[FieldError]:
+    for name in limits or {}:
+        if name not in _LIMITS[architecture]:
+            yield FieldError(f"limits.{name}", f"expected one of {', '.join(_LIMITS[architecture])}")
+
+
+def _constants_are_valid(constants: Mapping[str, float] | None) -> Iterator[FieldError]:
+    known = fields_of(ReferenceModel)
+    for name, value in (constants or {}).items():
+        if name not in known:
+            near = spelling.nearest(name, known)
+            hint = f"; did you mean '{near}'?" if near else ""
+            yield FieldError(f"constants.{name}", f"expected a constant of the reference model{hint}")
+            continue
+        kind, rules = known[name][0], unwrapped(known[name][0])[1]
+        if not all(rule.allows(value) for rule in rules):
+            yield FieldError(f"constants.{name}", f"expected {describe(kind)}, found {value:g}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flavour(FromFile):
+    """A flavour of control software."""
+
+    KIND: ClassVar = "flavour"
+    CHECKS: ClassVar = (_modules_exist, _limits_are_known, _constants_are_valid)
+
+    schema: Literal[1] = 1  # version of this format
+    name: Name  # by default the file's
+    description: str = ""  # what it is, in a line
+    architecture: Literal["pfsm"] = "pfsm"  # what its control software is
+    limits: Mapping[str, Limit] | None = None  # largest numbers, of a PFSM's states and transitions; 4 if not given
+    behaviours: Mapping[str, Number]  # name of each -> its number in texts
+    conditions: Mapping[str, Number] | None = None  # the same of conditions
+    constants: Mapping[str, Constant] | None = None  # of the reference model, instead of the robot's
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def limit(self, name: str) -> int:
+        """The largest number of something."""
+        return (self.limits or {}).get(name, 4)
+
+    def numbered(self, kind: str) -> dict[int, Module]:
+        """Its behaviours or conditions by their numbers, in order of number."""
+        table = BEHAVIOURS if kind == "behaviour" else CONDITIONS
+        numbers = self.numbers_of(kind)
+        return {numbers[name]: table[name] for name in sorted(numbers, key=numbers.__getitem__)}
+
+    def numbers_of(self, kind: str) -> Mapping[str, int]:
+        """The numbers of its behaviours or conditions, by name."""
+        return self.behaviours if kind == "behaviour" else self.conditions or {}
+
+    @property
+    def modules(self) -> Iterator[Module]:
+        """Its behaviours and conditions."""
+        yield from self.numbered("behaviour").values()
+        yield from self.numbered("condition").values()
+
+    def reference_model(self, model: ReferenceModel) -> ReferenceModel:
+        """A robot's reference model with the constants of this flavour."""
+        return model._replace(**self.constants) if self.constants else model
+
+
+_loaded: dict[str, Flavour] = {}  # by name
+_loading = threading.RLock()
+
+
+def flavour_names(architecture: str | None = None) -> tuple[str, ...]:
+    """The names of the shipped flavours, and of those that were loaded; the default one comes first.
+
+    Args:
+        architecture: That of the flavours; by default all.
+    """
+    names = {DEFAULT_FLAVOUR: None, **dict.fromkeys(shipped.flavours()), **dict.fromkeys(_loaded)}
+    return tuple(name for name in names if architecture in {None, flavour_of(name).architecture})
+
+
+def flavour_of(name: str) -> Flavour:
+    """The flavour of a name.
+
+    Raises:
+        FsmError: There is none, or its file is not valid.
+    """
+    with _loading:
+        if name not in _loaded:
+            files = shipped.flavours()
+            if name not in files:
+                raise FsmError(f"flavour: expected one of {', '.join(flavour_names())}, found {excerpt(repr(name))}")
+            _loaded[name] = _read(files[name])
+        return _loaded[name]
+
+
+def load_flavour(name_or_path: str) -> Flavour:
+    """A shipped flavour by its name, or one of a file, which from then on can be referred to by its name.
+
+    Raises:
+        FsmError: There is none, it is not valid, or another one of its name is loaded.
+    """
+    if not shipped.is_path(name_or_path):
+        return flavour_of(name_or_path)
+    return enter_flavour(_read(Path(name_or_path)), name_or_path)
+
+
+def enter_flavour(flavour: Flavour, label: str = "") -> Flavour:
+    """Let a flavour be referred to by its name; `label` names it in errors.
+
+    Raises:
+        FsmError: Another one of its name is loaded.
+    """
+    with _loading:
+        if flavour.name in shipped.flavours():
+            known = flavour_of(flavour.name)
+        else:
+            known = _loaded.setdefault(flavour.name, flavour)
+        if digest_of(known) != digest_of(flavour):
+            raise FsmError(
+                f"{label or flavour.name}: another flavour is called {flavour.name} already; change its name"
+            )
+        return known
+
+
+def flavour_from(text: str, label: str) -> Flavour:
+    """A flavour of the text of its file, without entering it; `label` names it in errors.
+
+    Raises:
+        FsmError: It is not valid.
+    """
+    return parse(text, Flavour, error=FsmError, label=label, files=False, defaults={"name": Path(label).stem})
+
+
+def _read(path: Path) -> Flavour:
+    return flavour_from(small_text(path, _MAX_SIZE, FsmError), str(path))
+
+
+def snapshot() -> Callable[[], None]:
+    """A function that forgets the flavours that are loaded from now on."""
+    before = {*_loaded}
+
+    def restore() -> None:
+        for name in {*_loaded} - before:
+            del _loaded[name]
+
+    return restore

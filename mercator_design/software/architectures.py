@@ -1,0 +1,39 @@
+"""The architectures, and the control cycle of all of them."""
+
+from collections.abc import Mapping
+
+from mercator_design.fsm.architecture import PFSM
+from mercator_design.jit import type_dispatcher
+from mercator_design.modules.architecture import Architecture, Software
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.grammar import Value
+
+ARCHITECTURES: Mapping[str, Architecture] = {one.name: one for one in (PFSM,)}
+
+control = type_dispatcher({one.program: one.cycle for one in ARCHITECTURES.values()}, argument=1)
+"""`control(model, program, readings, memory, draws, actions)`: one control cycle of any control software."""
+
+
+def architecture_of(flavour: str) -> Architecture:
+    """The architecture of a flavour.
+
+    Raises:
+        FsmError: There is no such flavour.
+    """
+    return ARCHITECTURES[flavour_of(flavour).architecture]
+
+
+def decoded(configuration: Mapping[str, Value], flavour: str) -> Software:
+    """The control software of a configuration of a flavour's grammar."""
+    software: Software = architecture_of(flavour).decode(configuration, flavour)
+    return software
+
+
+def part_names(software: Software) -> tuple[str, ...]:
+    """The usual names of the parts that can be active."""
+    return architecture_of(software.flavour).names(software)
+
+
+def text_of(software: Software) -> str:
+    """The canonical text of control software."""
+    return architecture_of(software.flavour).text(software)

@@ -17,6 +17,7 @@ const mark = () => {
   for (const part of document.querySelectorAll(".scroll")) part.classList.toggle("is-cut", part.scrollWidth > part.clientWidth + 1);
 };
 const soon = () => requestAnimationFrame(mark);
+mark();
 new ResizeObserver(soon).observe(document.documentElement);
 new MutationObserver(soon).observe(document.documentElement, { childList: true, subtree: true });
 document.addEventListener("toggle", soon, true);

@@ -99,7 +99,7 @@ class Pfsm:
     def __post_init__(self) -> None:
         flavour = flavour_of(self.flavour)
         max_states, max_transitions = flavour.limit("states"), flavour.limit("transitions")
-        behaviours, conditions = flavour.behaviours, flavour.conditions or {}
+        behaviours, conditions = flavour.numbers_of("behaviour"), flavour.numbers_of("condition")
         if not 1 <= len(self.states) <= max_states:
             raise FsmError(f"expected 1 to {max_states} states, found {len(self.states)}")
         for i, state in enumerate(self.states):

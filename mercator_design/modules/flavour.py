@@ -24,7 +24,8 @@ from mercator_design.system.files import small_text
 
 DEFAULT_FLAVOUR = "watermelon"
 _MAX_SIZE = 64 * 1024
-_LIMITS = {"pfsm": ("states", "transitions")}
+_LIMITS = {"pfsm": ("states", "transitions"), "network": ("weight",)}
+_USUAL_LIMITS = {"states": 4, "transitions": 4, "weight": 5}
 _MAX_LIMIT = 16
 
 Number = Annotated[int, Range(0, 99)]
@@ -32,8 +33,13 @@ Limit = Annotated[int, Range(1, _MAX_LIMIT)]
 Constant = Annotated[float, Range(-1e9, 1e9)]
 
 
-def _modules_exist(behaviours: Mapping[str, int], conditions: Mapping[str, int] | None) -> Iterator[FieldError]:
-    for key, given, table in (("behaviours", behaviours, BEHAVIOURS), ("conditions", conditions or {}, CONDITIONS)):
+def _modules_exist(
+    architecture: str, behaviours: Mapping[str, int] | None, conditions: Mapping[str, int] | None
+) -> Iterator[FieldError]:
+    for key, given, table in (
+        ("behaviours", behaviours or {}, BEHAVIOURS),
+        ("conditions", conditions or {}, CONDITIONS),
+    ):
         kind = key.removesuffix("s")
         for name in given:
             if name not in table:
@@ -47,7 +53,9 @@ def _modules_exist(behaviours: Mapping[str, int], conditions: Mapping[str, int] 
             first = next(one for one in given if given[one] == number)
             if numbers.count(number) > 1 and name != first:
                 yield FieldError(f"{key}.{name}", f"expected a number of its own, found {number}, that of {first}")
-    if not behaviours:
+        if given and architecture == "network":
+            yield FieldError(key, f"expected none, as a network has no modules, found {', '.join(given)}")
+    if not behaviours and architecture != "network":
         yield FieldError("behaviours", "expected one behaviour at least, found none")
 
 
@@ -80,9 +88,11 @@ class Flavour(FromFile):
     schema: Literal[1] = 1  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what it is, in a line
-    architecture: Literal["pfsm"] = "pfsm"  # what its control software is
-    limits: Mapping[str, Limit] | None = None  # largest numbers, of a PFSM's states and transitions; 4 if not given
-    behaviours: Mapping[str, Number]  # name of each -> its number in texts
+    architecture: Literal["pfsm", "network"] = "pfsm"  # what its control software is
+    limits: Mapping[str, Limit] | None = (
+        None  # largest numbers, of states, transitions (4 if not given), or a weight (5)
+    )
+    behaviours: Mapping[str, Number] | None = None  # name of each -> its number in texts
     conditions: Mapping[str, Number] | None = None  # the same of conditions
     constants: Mapping[str, Constant] | None = None  # of the reference model, instead of the robot's
 
@@ -91,7 +101,7 @@ class Flavour(FromFile):
 
     def limit(self, name: str) -> int:
         """The largest number of something."""
-        return (self.limits or {}).get(name, 4)
+        return (self.limits or {}).get(name, _USUAL_LIMITS[name])
 
     def numbered(self, kind: str) -> dict[int, Module]:
         """Its behaviours or conditions by their numbers, in order of number."""
@@ -101,7 +111,7 @@ class Flavour(FromFile):
 
     def numbers_of(self, kind: str) -> Mapping[str, int]:
         """The numbers of its behaviours or conditions, by name."""
-        return self.behaviours if kind == "behaviour" else self.conditions or {}
+        return (self.behaviours if kind == "behaviour" else self.conditions) or {}
 
     @property
     def modules(self) -> Iterator[Module]:

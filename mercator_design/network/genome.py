@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
-from mercator_design.network.network import FLAVOURS, KINDS, MAX_NUMBER, Gene, Network, NetworkNode, problems
+from mercator_design.network.network import DEFAULT_FLAVOUR, KINDS, MAX_NUMBER, Gene, Network, NetworkNode, problems
 from mercator_design.system.files import small_text
 
 _MAX_SIZE = 16 * 1024 * 1024
@@ -70,7 +70,7 @@ def is_genome(text: str) -> bool:
     return _BEGINS.match(text) is not None
 
 
-def read_genomes(path: Path, flavour: str = FLAVOURS[0]) -> tuple[Genome, ...]:
+def read_genomes(path: Path, flavour: str = DEFAULT_FLAVOUR) -> tuple[Genome, ...]:
     """The genomes of a file, one or more.
 
     Raises:
@@ -79,7 +79,7 @@ def read_genomes(path: Path, flavour: str = FLAVOURS[0]) -> tuple[Genome, ...]:
     return genomes_of(small_text(path, _MAX_SIZE, FsmError), str(path), flavour)
 
 
-def genomes_of(text: str, label: str, flavour: str = FLAVOURS[0]) -> tuple[Genome, ...]:
+def genomes_of(text: str, label: str, flavour: str = DEFAULT_FLAVOUR) -> tuple[Genome, ...]:
     """As `read_genomes`, of the text of a file; `label` names it in errors."""
     found: list[Genome] = []
     reader = _Reader(label, flavour)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple, Never
 
 from mercator_design.errors import FsmError
+from mercator_design.modules.flavour import flavour_names, flavour_of
 from mercator_design.modules.module import senses_bits
 from mercator_design.modules.perception import Row
 from mercator_design.network.inputs import INPUTS, N_INPUTS, Input
 
-FLAVOURS = ("evostick", "evostick-epuck")
+DEFAULT_FLAVOUR = "evostick"
 
 KINDS = ("hidden", "input", "output", "bias")
 """The kinds of nodes, by their numbers in genome files."""
@@ -76,11 +77,12 @@ class Network:
 
     all_nodes: tuple[NetworkNode, ...]
     genes: tuple[Gene, ...]
-    flavour: str = FLAVOURS[0]
+    flavour: str = DEFAULT_FLAVOUR
 
     def __post_init__(self) -> None:
-        if self.flavour not in FLAVOURS:
-            raise FsmError(f"flavour: expected one of {', '.join(FLAVOURS)}, found {self.flavour!r}")
+        if flavour_of(self.flavour).architecture != "network":
+            known = ", ".join(flavour_names("network"))
+            raise FsmError(f"flavour: expected one of networks ({known}), found {self.flavour!r}")
         for problem in problems(self.all_nodes, self.genes):
             raise FsmError(problem.message)
 

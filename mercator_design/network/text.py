@@ -15,9 +15,18 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from mercator_design.errors import FsmError, excerpt
+from mercator_design.modules.architecture import Warn
 from mercator_design.network.genome import number_text
 from mercator_design.network.inputs import N_INPUTS
-from mercator_design.network.network import FLAVOURS, KINDS, OUTPUTS, Gene, Network, NetworkNode, perceptron_nodes
+from mercator_design.network.network import (
+    DEFAULT_FLAVOUR,
+    KINDS,
+    OUTPUTS,
+    Gene,
+    Network,
+    NetworkNode,
+    perceptron_nodes,
+)
 
 _WEIGHT = re.compile(rf"--({'|'.join(OUTPUTS)})([1-9][0-9]*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -33,8 +42,13 @@ def name_of(side: int, k: int) -> str:
     return f"{OUTPUTS[side]}{k}"
 
 
-def parse(line: str, flavour: str = FLAVOURS[0]) -> Network:
+def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = None) -> Network:  # noqa: ARG001
     """The network that a line describes.
+
+    Args:
+        line: The text.
+        flavour: Of the network.
+        tolerate: For nothing: the line is no form of the original programs.
 
     Raises:
         FsmError: naming the token, or node and gene.

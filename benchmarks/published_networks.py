@@ -2,11 +2,14 @@
 
     python benchmarks/published_networks.py [--method evostick] [--runs 100] [--seconds 3000] [--file scores.jsonl]
 
-For each mission of Results-Transferability: the mean over its networks of the mean score of so many experiments, beside the
-mean of the fitness in the files; the fitness of EvoStick and NEAT is the mean of 100 runs after the design, of a network that
-was selected by it from a population of 100 (so it is a little optimistic); that of CMA-ES and xNES is the best mean of 10
-runs ever seen. The networks are those of tests/data. Scores are noted in a file, so that a run which was stopped, or has
-used its time, is continued by the next one. Of EvoStick, 64 networks, the program runs for about an hour on two idle cores.
+For each mission of Results-Transferability: the mean over its networks of the mean score of so many experiments, beside
+the mean of the fitness in the files. That of EvoStick and NEAT is the mean of 100 runs after the design, by which a
+network was selected from a population of 100, so it is a little optimistic; that of CMA-ES and xNES is the best mean of
+10 runs ever seen. The networks are those of tests/data. Scores are noted in a file, so that a run which was stopped, or
+has used its time, is continued by the next one. 100 runs of EvoStick's 74 networks take some 20 minutes on two cores.
+
+`--dark` and `--speed` answer how much of a difference is due to lights, or to the maximum speed of the robots; name
+another file with them.
 """
 
 import argparse
@@ -16,6 +19,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +29,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.network.network import KINDS, Gene, Network, NetworkNode
 from mercator_design.race.executors.executor import available_jobs, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
+from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
 PUBLISHED = Path(__file__).parents[1] / "tests" / "data" / "published_networks.json.gz"
@@ -64,9 +69,18 @@ def noted(file: Path) -> dict[str, dict[int, float]]:
     return found
 
 
-def run(networks: Sequence[Published], runs: int, file: Path, until: float) -> None:
+def simulator(mission: str, *, dark: bool, speed: float | None) -> Simulator:
+    """A simulator of a mission, without lights or with another maximum speed of its robots."""
+    loaded = load_mission(mission, ["lights=[]"] if dark else [])
+    model = load_robot_model(loaded.robot_model)
+    drive = replace(model.drive, maximum_speed=model.drive.maximum_speed if speed is None else speed)
+    return Simulator(loaded, replace(model, drive=drive))
+
+
+def run(
+    networks: Sequence[Published], simulators: Mapping[str, Simulator], runs: int, file: Path, until: float
+) -> None:
     """Run what is not noted yet, until a time: of every network a few experiments, then further ones."""
-    simulators = {name: Simulator(load_mission(name)) for name in {one.mission for one in networks}}
     known = noted(file)
     with ThreadExecutor(available_jobs()) as executor, file.open("a") as notes:
         for first in range(1, runs + 1, SHARE):
@@ -110,9 +124,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=3000.0, help="after which no further experiments begin")
     parser.add_argument("--file", type=Path, default=Path("published_networks.jsonl"), help="of scores")
+    parser.add_argument("--missions", default="", help="only those whose names have this")
+    parser.add_argument("--dark", action="store_true", help="without lights")
+    parser.add_argument("--speed", type=float, help="maximum speed of the robots [m/s]")
     given: Any = parser.parse_args(arguments)
-    networks = [*published(given.method)]
-    run(networks, given.runs, given.file, time.monotonic() + given.seconds)
+    networks = [one for one in published(given.method) if given.missions in one.mission]
+    missions = {one.mission for one in networks}
+    simulators = {name: simulator(name, dark=given.dark, speed=given.speed) for name in missions}
+    run(networks, simulators, given.runs, given.file, time.monotonic() + given.seconds)
     print("\n".join(table(networks, noted(given.file))))
 
 

@@ -16,6 +16,8 @@ from mercator_design.fsm.text import other_flavour, out_of_domain
 from mercator_design.fsm.words.names import is_state_name
 from mercator_design.modules.architecture import Architecture, Software, Warn
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names
+from mercator_design.network.genome import genomes_of, is_genome
+from mercator_design.network.network import DEFAULT_FLAVOUR as NETWORKS
 from mercator_design.software.architectures import ARCHITECTURES, architecture_of, text_of
 from mercator_design.system.files import small_text
 
@@ -57,11 +59,11 @@ class FsmFile:
 
 
 def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
-    """Read an fsm.txt or an fsm.yaml.
+    """Read an fsm.txt, an fsm.yaml or the genome of a network.
 
     Args:
         path: The file.
-        flavour: Overrides the file's; without either it is watermelon.
+        flavour: Overrides the file's; without either it is watermelon, or of a genome evostick.
         tolerate: As for `parse`; in an fsm.yaml, parameters may be outside their domains. A trailing line `score X`
             in an fsm.txt, as target runners log it, is accepted in any case.
 
@@ -75,6 +77,11 @@ def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn 
     """As `read_fsm`, of the text of a file; `label` names it in errors."""
     if _is_yaml(text):
         return _read_yaml(text, label, flavour, tolerate)
+    if is_genome(text):
+        genomes = _genome_files(text, label, flavour)
+        if len(genomes) != 1:
+            raise FsmError(f"{label}: expected one genome, found {len(genomes)}")
+        return genomes[0]
     header, found = _lines(text)
     if len(found) != 1:
         where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
@@ -85,10 +92,12 @@ def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn 
 def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> dict[int, FsmFile]:
     """Read a file of control software, one on each line, as published data sets have them; by the number of the line.
 
-    The comment lines are about all of them. A file that `read_fsm` reads has one. Arguments and errors are those of
-    `read_fsm`.
+    The genomes of a file are counted from 1. The comment lines are about all of them. A file that `read_fsm` reads has
+    one. Arguments and errors are those of `read_fsm`.
     """
     text = small_text(path, _MAX_SET, FsmError)
+    if is_genome(text):
+        return dict(enumerate(_genome_files(text, str(path), flavour), start=1))
     header, found = _lines(text)
     if _is_yaml(text) or len(found) < 2:
         return {1: read_fsm(path, flavour, tolerate=tolerate)}
@@ -120,6 +129,15 @@ def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None
                 f"{label}: header: expected no key '{key}': an fsm.yaml says this at its top and in its states"
             )
     return FsmFile(software=pfsm, header=header, names=named.names)
+
+
+def _genome_files(text: str, label: str, flavour: str | None) -> list[FsmFile]:
+    """The networks of a file of genomes, each with its number and its fitness, if it is there."""
+    found = []
+    for genome in genomes_of(text, label, flavour or NETWORKS):
+        fitness = {} if genome.fitness is None else {"fitness": f"{genome.fitness:g}"}
+        found.append(FsmFile(software=genome.network, header={"genome": str(genome.number), **fitness}))
+    return found
 
 
 def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:

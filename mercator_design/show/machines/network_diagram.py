@@ -36,14 +36,22 @@ class _Place(NamedTuple):
     layer: int
 
 
-def network_svg(network: Network, *, caption: Sequence[str] = ()) -> str:
+def network_svg(
+    network: Network,
+    names: Sequence[str] = (),  # noqa: ARG001 - as diagram_svg
+    *,
+    caption: Sequence[str] = (),
+    narrow: bool = False,
+) -> str:
     """The picture of a network as SVG text; weights are shown where the pointer rests on a line.
 
     Args:
         network: The network to draw; links that are disabled are left out.
+        names: Of its parts, which have none.
         caption: Lines below the picture.
+        narrow: Whether columns are closer together, for the side of a page.
     """
-    places, names = _places(network), _names(network)
+    places, named = _places(network, 0.5 * _COLUMN if narrow else _COLUMN), _names(network)
     genes = sorted(network.enabled, key=lambda gene: abs(gene.weight))  # the strongest are on top
     heaviest = max((abs(gene.weight) for gene in genes), default=1.0) or 1.0
     legend = f"Solid blue: positive, dashed orange: negative; the widest line is a weight of {heaviest:.3g}"
@@ -57,17 +65,17 @@ def network_svg(network: Network, *, caption: Sequence[str] = ()) -> str:
         f"<title>{escaped(network.summary)}</title><style>{_STYLE}</style>",
         f'<rect class="back" fill="#fff" width="{width:.1f}" height="{height:.1f}"/>',
     ]
-    lines += [_line_svg(gene, places, names, heaviest) for gene in genes]
+    lines += [_line_svg(gene, places, named, heaviest) for gene in genes]
     for node in network.all_nodes:
         x, y, layer = places[node.number]
         lines.append(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"><title>{escaped(names[node.number])}</title></circle>'
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"><title>{escaped(named[node.number])}</title></circle>'
         )
         if node.kind == "hidden":
             lines.append(f'<text class="faint" text-anchor="middle" x="{x:.1f}" y="{y - 14:.1f}">{node.number}</text>')
             continue
         side, anchor = (-12.0, "end") if layer == 0 else (12.0, "start")
-        name = escaped(names[node.number])
+        name = escaped(named[node.number])
         lines.append(f'<text text-anchor="{anchor}" x="{x + side:.1f}" y="{y:.1f}">{name}</text>')
     for k, line in enumerate(below):
         y = bottom + _LINE * k
@@ -81,7 +89,7 @@ def _names(network: Network) -> dict[int, str]:
     return {**inputs, **outputs, **{number: f"hidden node {number}" for number in network.hidden}}
 
 
-def _places(network: Network) -> dict[int, _Place]:
+def _places(network: Network, column_width: float) -> dict[int, _Place]:
     """The place of each node: inputs in a column, hidden nodes by their distance from these, then the wheels."""
     layers = _layers(network)
     last = max(layers.values())
@@ -90,7 +98,7 @@ def _places(network: Network) -> dict[int, _Place]:
     found = {}
     for layer, column in columns.items():
         gap = 1.0 if layer == 0 else max(1.6, (len(columns[0]) - 1) / max(len(column), 2) * 0.8)
-        across = _LABEL + layer * (_COLUMN if last == 1 else 0.75 * _COLUMN)
+        across = _LABEL + layer * (column_width if last == 1 else 0.75 * column_width)
         for k, number in enumerate(column):
             row = middle + gap * (k - 0.5 * (len(column) - 1))
             shift = 0.0 if layer in {0, last} else 22.0 * (k % 2)  # so that lines within a column can be seen

@@ -5,9 +5,11 @@ from typing import Any
 
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.modules.architecture import Software
+from mercator_design.network.network import Network
 from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.machines.network_diagram import network_svg
 
-DIAGRAMS: Mapping[type, Callable[..., Any]] = {Pfsm: diagram_svg}
+DIAGRAMS: Mapping[type, Callable[..., Any]] = {Pfsm: diagram_svg, Network: network_svg}
 """`diagram(software, narrow=False)`: an SVG picture, by the class of control software."""
 
 

@@ -23,7 +23,7 @@ SMALL = ["robots=3", "duration=5"]
 
 
 def test_thirty_weights_in_the_order_of_genomes():
-    assert NAMES == [f"{side}{k}" for k in range(1, 16) for side in ("left", "right")]
+    assert [f"{side}{k}" for k in range(1, 16) for side in ("left", "right")] == NAMES
     assert {(one.low, one.high, one.digits, one.condition) for one in parameters_of("evostick")} == {(-5, 5, 4, None)}
 
 
@@ -50,7 +50,7 @@ def test_links_that_are_missing_are_weights_of_0():
     for genes in ((Gene(15, 17, 1.0),), (Gene(15, 17, 1.0), Gene(17, 16, 1.0))):
         with pytest.raises(FsmError, match="races design networks"):
             from_network(Network(nodes, genes))
-    with pytest.raises(FsmError, match="without hidden nodes .* found a gene from 1 to 18"):
+    with pytest.raises(FsmError, match=r"without hidden nodes .* found a gene from 1 to 18"):
         from_network(Network((*nodes, NetworkNode(18, "hidden")), (Gene(1, 18, 1.0),)))
 
 
@@ -102,14 +102,21 @@ def test_the_simulator_runs_networks_as_the_robot_does():
     """Also with hidden nodes; recorded readings give the same wheels in plain Python."""
     network, _ = published()["transferability-1-neat-epuck-aggregation-7"]
     recording = Simulator(load_mission("transfer_aggregation_epuck", SMALL)).run(network, 1, record=True).recording
+    history = recording.history
     for robot in range(3):
-        controller = Controller(network, recording.reference_model)
+        controller = Controller(network, recording.robot_model.reference_model)
         for cycle in range(50):
-            actions = controller.step(Readings(*recording.readings[cycle, robot]), recording.draws[cycle, robot])
-            assert (actions.left, actions.right) == tuple(recording.wheels[cycle, robot])
+            actions = controller.step(Readings(*history.readings[cycle, robot]), history.draws[cycle, robot])
+            assert (actions.left, actions.right) == tuple(history.wheels[cycle, robot])
 
 
 @pytest.mark.together("networks")
 def test_robots_without_light_sensors_run_networks():
-    lit = to_network(dict.fromkeys(NAMES, 0.5), "evostick")
-    assert Simulator(load_mission("aggregation", SMALL)).run(lit, 1).score >= 0.0
+    """Also where there is a light, which they do not perceive."""
+    network = to_network(dict.fromkeys(NAMES, 0.5) | dict.fromkeys(NAMES[8:16], -5.0), "evostick")
+    given_ = [*SMALL, "robot_model=mercator"]
+    lit, dark = (
+        load_mission("transfer_grid_mercator", given_),
+        load_mission("transfer_grid_mercator", [*given_, "lights=[]"]),
+    )
+    assert Simulator(lit).run(network, 1).score == Simulator(dark).run(network, 1).score

@@ -80,7 +80,7 @@ def winner_tests(record: Record) -> dict[int, float]:
 
 def n_compared(flavour: str, runs: int) -> int:
     """The number of experiments of the others, at most, if the winner was tested on a number of instances."""
-    return (2 + len(flavour_of(flavour).behaviours)) * min(runs, MAX_OTHERS)
+    return (2 + len(flavour_of(flavour).numbers_of("behaviour"))) * min(runs, MAX_OTHERS)
 
 
 def read_comparison(folder: Path, record: Record) -> WinnerComparison | None:

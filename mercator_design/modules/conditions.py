@@ -24,6 +24,11 @@ _Eta = Annotated[float, Range(0, 20), Written("w", "W")]
 _NotXi = Annotated[int, Range(0, 10), Designed(1), Written("p", "BI")]
 _NotEta = Annotated[float, Range(0, 20), Written("w", "WI")]
 
+_Pull = Annotated[float, Range(0, 5), Written("d", "D")]
+
+_NEAR_OBSTACLE = 0.5
+"""Length of the proximity vector from which the condition on obstacles holds, on any robot."""
+
 _UNSIGNED = 2.0**32
 """Difference between an unsigned number of 32 bits and the negative one that it was meant to be."""
 
@@ -96,6 +101,10 @@ def _many(swarm: KnownSwarm, xi: float, eta: float) -> str:
 
 def _few(swarm: KnownSwarm, xi: float, eta: float) -> str:
     return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, swarm, -1)}"
+
+
+def _pulled(swarm: KnownSwarm, beta: float, pull: float) -> str:
+    return probability_words(beta, swarm, f"where the sum of the vectors to neighbours is not longer than {pull:g}")
 
 
 def _by_neighbours(xi: float, eta: float, swarm: KnownSwarm, sign: int) -> str:
@@ -195,6 +204,46 @@ def floor_colour(
     """The ground has a colour."""
     shown = colour_label(model, readings.ground_red, readings.ground_green, readings.ground_blue)
     return beta if shown >= 0 and shown == label else 0.0  # type: ignore[comparison-overlap]  # a number, in kernels
+
+
+@condition(label="Light", reads={"light"}, words=_where("where it perceives a light"))
+def light(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where a light is perceived
+) -> float:
+    """The robot perceives a light."""
+    return beta if readings.light_x != 0.0 or readings.light_y != 0.0 else 0.0
+
+
+@condition(label="Obstacle", reads={"proximity"}, words=_where("near an obstacle in front or on the right"))
+def obstacle(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability near an obstacle in front or on the right
+) -> float:
+    """An obstacle is near, in front or on the right.
+
+    The original tests the signed angle, so what is behind on the right counts, too.
+    """
+    x, y = readings.proximity_x, readings.proximity_y
+    is_near = math.sqrt(x * x + y * y) >= _NEAR_OBSTACLE
+    return beta if is_near and (x >= 0.0 or y < 0.0) else 0.0
+
+
+@condition(label="CloseToNeighbors", reads={"neighbours"}, words=_pulled)
+def close_to_neighbours(
+    model: ReferenceModel,
+    readings: Readings,
+    memory: MutableRow,
+    beta: _Beta,  # [per cycle] probability where the neighbours pull no more than that
+    pull: _Pull,  # length of the sum of the vectors to neighbours, at most
+) -> float:
+    """The vectors to the neighbours, the longer the nearer, have a short sum: none is near, or they are all around."""
+    x, y = readings.neighbours_x, readings.neighbours_y
+    return beta if math.sqrt(x * x + y * y) <= pull else 0.0
 
 
 probability: Callable[..., None] = open_dispatcher("conditions", CONDITION_CALLS, like=like())

@@ -104,6 +104,8 @@ class Module:
     label: str  # as AutoMoDe's diagrams write it
     words: Callable[..., str] | None  # see `behaviour`
     position: int  # in BEHAVIOURS or CONDITIONS
+    failure: int = -1  # position in FAILURE_CALLS; -1: it never fails
+    end_mark: bool = False  # see `behaviour`
 
     def __reduce__(self) -> tuple[Callable[..., "Module"], tuple[str, str]]:
         return module_of, (self.kind, self.name)
@@ -148,6 +150,9 @@ BEHAVIOUR_CALLS: list[Call] = []
 CONDITION_CALLS: list[Call] = []
 """Kernels of one signature for all modules, in order of their positions."""
 
+FAILURE_CALLS: list[Call] = []
+"""Kernels of one signature for the failure tests of behaviours."""
+
 _TABLES = {"behaviour": (BEHAVIOURS, BEHAVIOUR_CALLS), "condition": (CONDITIONS, CONDITION_CALLS)}
 
 
@@ -164,6 +169,8 @@ def behaviour(
     sets: Iterable[str] = ("wheels",),
     memory: int = 0,
     words: Callable[..., str] | None = None,
+    fails: Callable[..., bool] | None = None,
+    end_mark: bool = False,
 ) -> Callable[[F], F]:
     """Enter a kernel `f(model, readings, memory, u, *parameters) -> Actions` in BEHAVIOURS, and return it unchanged.
 
@@ -175,11 +182,13 @@ def behaviour(
         memory: How many numbers it keeps from cycle to cycle: `memory[0]` and so on, zero when it begins.
         words: A function of (KnownSwarm, *parameters) that says what a robot does: "stands still". By default a
             sentence is made of the docstring.
+        fails: A kernel `f(model, readings, *parameters) -> bool`: whether it fails instead of acting in a tree.
+        end_mark: Whether a tree sets the last number of its memory to 1 where it succeeds or fails.
 
     Raises:
         ValueError: if the function, its parameters or these arguments are not as they should be.
     """
-    return lambda function: _entered("behaviour", function, name, label, reads, sets, memory, words)
+    return lambda function: _entered("behaviour", function, name, label, reads, sets, memory, words, fails, end_mark)
 
 
 def condition(
@@ -206,6 +215,8 @@ def _entered(
     sets: Iterable[str],
     memory: int,
     words: Callable[..., str] | None,
+    fails: Callable[..., bool] | None = None,
+    end_mark: bool = False,
 ) -> F:
     table, calls = _TABLES[kind]
     name = name or function.__name__.replace("_", " ").strip()
@@ -214,8 +225,8 @@ def _entered(
             raise ValueError(f"{name}: expected {what} of {', '.join(known)}, found {', '.join(unknown)}")
     if (taken := BEHAVIOURS.get(name) or CONDITIONS.get(name)) is not None:
         raise ValueError(f"a {taken.kind} is called '{name}' already, in {taken.function.__code__.co_filename}")
-    if memory < 0:
-        raise ValueError(f"{name}: memory: expected a number of at least 0, found {memory}")
+    if memory < end_mark:
+        raise ValueError(f"{name}: memory: expected a number of at least {end_mark:d}, found {memory}")
     module = Module(
         name=name,
         kind=kind,
@@ -227,7 +238,11 @@ def _entered(
         label=label or name,
         words=words,
         position=len(table),
+        failure=len(FAILURE_CALLS) if fails else -1,
+        end_mark=end_mark,
     )
+    if fails:
+        FAILURE_CALLS.append(jittable(_failure_call(module, jittable(fails))))
     calls.append(jittable(_call(module)))
     table[name] = module
     jittable(function)
@@ -330,7 +345,20 @@ def _call(module: Module) -> Call:
     ) -> None:
         found[0] = function(model, readings, memory, *taken(parameters))
 
-    call = call_behaviour if module.kind == "behaviour" else call_condition
-    # Compiled code links kernels by their names.
-    call.__qualname__ = call.__name__ = f"call_{module.kind}_{re.sub(r'[^a-zA-Z0-9]', '_', module.name)}"
+    return _named(call_behaviour if module.kind == "behaviour" else call_condition, module.kind, module)
+
+
+def _failure_call(module: Module, fails: Callable[..., bool]) -> Call:
+    """The kernel that tells whether a behaviour fails, with a signature of all such kernels."""
+    taken = _TAKEN[len(module.parameters)]
+
+    def call_failure(model: ReferenceModel, readings: Readings, parameters: Row, found: MutableRow) -> None:
+        found[0] = 1.0 if fails(model, readings, *taken(parameters)) else 0.0
+
+    return _named(call_failure, "failure", module)
+
+
+def _named(call: Call, what: str, module: Module) -> Call:
+    """A kernel with a name of its own, as compiled code links kernels by their names."""
+    call.__qualname__ = call.__name__ = f"call_{what}_{re.sub(r'[^a-zA-Z0-9]', '_', module.name)}"
     return call

@@ -3,8 +3,9 @@
 `u` is a uniform draw in [0, 1) made by the caller: behaviours never touch a generator.
 
 Sources: Garzón Ramos, Szpirer, Birattari et al., the Mercator paper (eqs. 14-19) for Watermelon; Francesca et al.
-2014 and 2015 for Vanilla and Chocolate; the published source of AutoMoDe-Maple for those that only trees have. Where the paper leaves open what happens, and in exploration, the rule is that
-of the published AutoMoDe source; docs/explanation/paper-and-code.md has all differences.
+2014 and 2015 for Vanilla and Chocolate; the source of AutoMoDe-Maple for those that only trees have. Where the paper
+leaves open what happens, and in exploration, the rule is that of the published AutoMoDe source;
+docs/explanation/paper-and-code.md has all differences.
 """
 
 import math
@@ -13,7 +14,15 @@ from typing import Annotated
 
 from mercator_design.config.schema import Range
 from mercator_design.jit import jittable, open_dispatcher
-from mercator_design.modules.module import BEHAVIOUR_CALLS, FAILURE_CALLS, Designed, KnownSwarm, Written, behaviour, like
+from mercator_design.modules.module import (
+    BEHAVIOUR_CALLS,
+    FAILURE_CALLS,
+    Designed,
+    KnownSwarm,
+    Written,
+    behaviour,
+    like,
+)
 from mercator_design.modules.perception import MutableRow
 from mercator_design.modules.reference import Actions, Readings, ReferenceModel, drive
 from mercator_design.modules.words import others_words, seconds_words

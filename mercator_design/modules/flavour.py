@@ -24,8 +24,8 @@ from mercator_design.system.files import small_text
 
 DEFAULT_FLAVOUR = "watermelon"
 _MAX_SIZE = 64 * 1024
-_LIMITS = {"pfsm": ("states", "transitions"), "network": ("weight",)}
-_USUAL_LIMITS = {"states": 4, "transitions": 4, "weight": 5}
+_LIMITS = {"pfsm": ("states", "transitions"), "network": ("weight",), "tree": ("branches", "conditions")}
+_USUAL_LIMITS = {"states": 4, "transitions": 4, "weight": 5, "branches": 4, "conditions": 1}
 _MAX_LIMIT = 16
 
 Number = Annotated[int, Range(0, 99)]
@@ -65,6 +65,18 @@ def _limits_are_known(architecture: str, limits: Mapping[str, int] | None) -> It
             yield FieldError(f"limits.{name}", f"expected one of {', '.join(_LIMITS[architecture])}")
 
 
+def _designed_are_modules(
+    not_designed: tuple[str, ...], behaviours: Mapping[str, int], conditions: Mapping[str, int] | None
+) -> Iterator[FieldError]:
+    for k, name in enumerate(not_designed):
+        if name not in {**behaviours, **(conditions or {})}:
+            yield FieldError(
+                f"not_designed[{k}]", f"expected a behaviour or a condition of this flavour, found '{name}'"
+            )
+    if behaviours and {*behaviours} <= {*not_designed}:
+        yield FieldError("not_designed", "expected one behaviour at least that is designed, found none")
+
+
 def _constants_are_valid(constants: Mapping[str, float] | None) -> Iterator[FieldError]:
     known = fields_of(ReferenceModel)
     for name, value in (constants or {}).items():
@@ -83,17 +95,18 @@ class Flavour(FromFile):
     """A flavour of control software."""
 
     KIND: ClassVar = "flavour"
-    CHECKS: ClassVar = (_modules_exist, _limits_are_known, _constants_are_valid)
+    CHECKS: ClassVar = (_modules_exist, _designed_are_modules, _limits_are_known, _constants_are_valid)
 
     schema: Literal[1] = 1  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what it is, in a line
-    architecture: Literal["pfsm", "network"] = "pfsm"  # what its control software is
+    architecture: Literal["pfsm", "network", "tree"] = "pfsm"  # what its control software is
     limits: Mapping[str, Limit] | None = (
-        None  # largest numbers, of states, transitions (4 if not given), or a weight (5)
+        None  # largest numbers: of states, transitions, branches (4 if not given), conditions (1), or a weight (5)
     )
     behaviours: Mapping[str, Number] | None = None  # name of each -> its number in texts
     conditions: Mapping[str, Number] | None = None  # the same of conditions
+    not_designed: tuple[str, ...] = ()  # modules that texts may have, but designs do not
     constants: Mapping[str, Constant] | None = None  # of the reference model, instead of the robot's
 
     def __post_init__(self) -> None:
@@ -112,6 +125,10 @@ class Flavour(FromFile):
     def numbers_of(self, kind: str) -> Mapping[str, int]:
         """The numbers of its behaviours or conditions, by name."""
         return (self.behaviours if kind == "behaviour" else self.conditions) or {}
+
+    def designed(self, kind: str) -> dict[int, Module]:
+        """As `numbered`, of those that designs may have."""
+        return {number: one for number, one in self.numbered(kind).items() if one.name not in self.not_designed}
 
     @property
     def modules(self) -> Iterator[Module]:

@@ -1,15 +1,20 @@
 """Random draws of modules and their parameters, for searches in the structure of control software."""
 
-from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple, Protocol, TypeVar
 
-from mercator_design.modules.grammar import value_at
-from mercator_design.modules.module import Module
+from mercator_design.modules.grammar import place_of, value_at
+from mercator_design.modules.module import Module, ModuleParameter
 
 T = TypeVar("T")
 
 Usable = Callable[[Module, Sequence[float]], bool]
 """Whether a module with some parameters can be of use on a mission."""
+
+_ANYWHERE = 0.3
+"""Probability that a number that is tuned is drawn anew."""
+_STEP = 0.15
+"""Standard deviation of a small step of a number, as a part of its domain."""
 
 
 class Draws(Protocol):
@@ -28,3 +33,35 @@ def any_of(some: Sequence[T], draws: Draws) -> T:
 def drawn_values(module: Module, draws: Draws) -> tuple[float, ...]:
     """Values of a module's parameters, uniform over their domains, or over the logarithm if these say so."""
     return tuple(value_at(parameter, draws.random()) for parameter in module.parameters)
+
+
+def near(parameter: ModuleParameter, value: float, draws: Draws) -> float:
+    """Another value of a parameter, mostly a small step away."""
+    place = place_of(parameter, value) + _STEP * draws.normal()
+    anywhere = draws.random() < _ANYWHERE or not 0 <= place <= 1
+    return value_at(parameter, draws.random() if anywhere else place)
+
+
+class Kind(NamedTuple):
+    """A condition; for one whose last parameter is a label, such as floor colour, with the label."""
+
+    module: Module
+    label: float = 1.0
+
+    def values(self, draws: Draws) -> tuple[float, ...]:
+        values = drawn_values(self.module, draws)
+        return (*values[:-1], self.label) if self.module.labelled else values
+
+
+def kinds_of(conditions: Iterable[Module]) -> Iterator[Kind]:
+    """Conditions, floor colour once for each colour, and so others with a label."""
+    for module in conditions:
+        if module.labelled:
+            yield from (Kind(module, float(label)) for label in range(len(module.parameters[-1].labels)))
+        else:
+            yield Kind(module)
+
+
+def label_of(module: Module, parameters: Sequence[float]) -> float:
+    """The label of a condition with these parameters, as in its Kind."""
+    return parameters[-1] if module.labelled else 1.0

@@ -30,6 +30,38 @@ class GrammarParameter(NamedTuple):
     """Another parameter, and its values with which this one is active; None: it always is."""
 
 
+class Chosen(NamedTuple):
+    """What stands in a grammar for a module at a place."""
+
+    name: str  # of the module
+    number: str
+    parameters: tuple[str, ...]  # their names
+    are_whole: tuple[bool, ...]
+
+    def values(self, configuration: Mapping[str, Value]) -> tuple[float, ...]:
+        """The values of its parameters in a configuration."""
+        return tuple([float(configuration[name]) for name in self.parameters])
+
+    def put(self, configuration: dict[str, Value], values: Iterable[float]) -> None:
+        """Enter the values of its parameters."""
+        for name, value, is_whole in zip(self.parameters, values, self.are_whole, strict=True):
+            configuration[name] = int(value) if is_whole else float(value)
+
+
+def choices(modules: Mapping[int, Module], index: str) -> tuple[dict[str, Chosen], dict[str, Chosen]]:
+    """What stands for each module at a place, by number and by name."""
+    found = [
+        Chosen(
+            module.name,
+            str(number),
+            tuple(parameter.stem + index for parameter in module.parameters),
+            tuple(parameter.integer for parameter in module.parameters),
+        )
+        for number, module in modules.items()
+    ]
+    return {one.number: one for one in found}, {one.name: one for one in found}
+
+
 def value_at(parameter: ModuleParameter, place: float) -> float:
     """The value at a place in [0, 1] of a parameter's domain."""
     low, high = parameter.sampled

@@ -6,22 +6,13 @@ module is. The target's upper bound depends on the number of states.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, relative_target
 from mercator_design.modules.flavour import flavour_of
-from mercator_design.modules.grammar import GrammarParameter, Value, module_parameters, numbers_text
+from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
 from mercator_design.modules.module import Module
-
-
-class _Chosen(NamedTuple):
-    """What stands in the grammar for a module at a place."""
-
-    name: str  # of the module
-    number: str
-    parameters: tuple[str, ...]  # their names
-    are_whole: tuple[bool, ...]
 
 
 class _TransitionNames(NamedTuple):
@@ -29,8 +20,8 @@ class _TransitionNames(NamedTuple):
 
     target: str
     condition: str
-    by_number: Mapping[str, _Chosen]
-    by_name: Mapping[str, _Chosen]
+    by_number: Mapping[str, Chosen]
+    by_name: Mapping[str, Chosen]
 
 
 class _StateNames(NamedTuple):
@@ -38,8 +29,8 @@ class _StateNames(NamedTuple):
 
     behaviour: str
     connections: str
-    by_number: Mapping[str, _Chosen]
-    by_name: Mapping[str, _Chosen]
+    by_number: Mapping[str, Chosen]
+    by_name: Mapping[str, Chosen]
     transitions: tuple[_TransitionNames, ...]
 
 
@@ -81,9 +72,9 @@ def to_states(configuration: Mapping[str, Value], flavour: str) -> tuple[State, 
         for edge in names.transitions[: int(configuration.get(names.connections, 0))]:
             condition = edge.by_number[str(configuration[edge.condition])]
             target = absolute_target(i, int(configuration[edge.target]))
-            transitions.append(Transition(condition.name, _values(configuration, condition), target))
+            transitions.append(Transition(condition.name, condition.values(configuration), target))
         behaviour = names.by_number[str(configuration[names.behaviour])]
-        states.append(State(behaviour.name, _values(configuration, behaviour), tuple(transitions)))
+        states.append(State(behaviour.name, behaviour.values(configuration), tuple(transitions)))
     return tuple(states)
 
 
@@ -98,24 +89,15 @@ def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
     for i, (state, names) in enumerate(zip(states, _names(flavour), strict=False)):
         behaviour = names.by_name[state.behaviour]
         configuration[names.behaviour] = behaviour.number
-        _put(configuration, behaviour, state.parameters)
+        behaviour.put(configuration, state.parameters)
         if state.transitions:
             configuration[names.connections] = len(state.transitions)
         for transition, edge in zip(state.transitions, names.transitions, strict=False):
             condition = edge.by_name[transition.condition]
             configuration[edge.target] = relative_target(i, transition.target)
             configuration[edge.condition] = condition.number
-            _put(configuration, condition, transition.parameters)
+            condition.put(configuration, transition.parameters)
     return configuration
-
-
-def _values(configuration: Mapping[str, Value], chosen: _Chosen) -> tuple[float, ...]:
-    return tuple([float(configuration[name]) for name in chosen.parameters])
-
-
-def _put(configuration: dict[str, Value], chosen: _Chosen, values: Iterable[float]) -> None:
-    for name, value, is_whole in zip(chosen.parameters, values, chosen.are_whole, strict=True):
-        configuration[name] = int(value) if is_whole else float(value)
 
 
 @functools.cache
@@ -123,18 +105,6 @@ def _names(flavour: str) -> tuple[_StateNames, ...]:
     """The names of the grammar for each state."""
     behaviours, conditions = modules_of(flavour)
     max_states, max_transitions = limits_of(flavour)
-
-    def choices(modules: Mapping[int, Module], index: str) -> tuple[dict[str, _Chosen], dict[str, _Chosen]]:
-        found = [
-            _Chosen(
-                module.name,
-                str(number),
-                tuple(parameter.stem + index for parameter in module.parameters),
-                tuple(parameter.integer for parameter in module.parameters),
-            )
-            for number, module in modules.items()
-        ]
-        return {one.number: one for one in found}, {one.name: one for one in found}
 
     def transition(index: str) -> _TransitionNames:
         return _TransitionNames(f"N{index}", f"C{index}", *choices(conditions, index))

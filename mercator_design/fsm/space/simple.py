@@ -4,24 +4,10 @@ They are made from the modules of a flavour and of what is of use on a mission: 
 does not have, no behaviour that follows a light where there is none.
 """
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import modules_of
-from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values
+from mercator_design.modules.drawing import Draws, Kind, Usable, any_of, drawn_values, kinds_of
 from mercator_design.modules.module import Module
-
-
-class Kind(NamedTuple):
-    """A condition; for one whose last parameter is a label, such as floor colour, with the label."""
-
-    module: Module
-    label: float = 1.0
-
-    def values(self, draws: Draws) -> tuple[float, ...]:
-        values = drawn_values(self.module, draws)
-        return (*values[:-1], self.label) if self.module.labelled else values
 
 
 def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
@@ -33,7 +19,7 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     floor of another colour; in the other half it is any. Numbers are drawn by `drawn_values`.
     """
     behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
-    conditions = [one for one in kinds(flavour) if usable(one.module, (1.0, one.label))]
+    conditions = [one for one in kinds_of(modules_of(flavour)[1].values()) if usable(one.module, (1.0, one.label))]
     known = [*modules_of(flavour)[0].values()]
     search = next((one for one in known if one.name == "exploration"), known[0])
 
@@ -55,12 +41,3 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
         ]
     keys = [draws.random() for _ in states]
     return [Pfsm(states[k], flavour) for k in sorted(range(len(states)), key=keys.__getitem__)]
-
-
-def kinds(flavour: str) -> Iterator[Kind]:
-    """The conditions of a flavour, floor colour once for each colour, and so others with a label."""
-    for module in modules_of(flavour)[1].values():
-        if module.labelled:
-            yield from (Kind(module, float(label)) for label in range(len(module.parameters[-1].labels)))
-        else:
-            yield Kind(module)

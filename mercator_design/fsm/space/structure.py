@@ -10,19 +10,15 @@ from typing import TypeVar
 
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_states, limits_of, modules_of, to_states
-from mercator_design.fsm.space.simple import kinds, simple_machines
-from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values
-from mercator_design.modules.grammar import Value, place_of, value_at
-from mercator_design.modules.module import Module, ModuleParameter
+from mercator_design.fsm.space.simple import simple_machines
+from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values, kinds_of, label_of, near
+from mercator_design.modules.grammar import Value
+from mercator_design.modules.module import Module
 
 T = TypeVar("T")
 
 _ANOTHER_MOVE = 0.33
 """Probability of one more move after each."""
-_ANYWHERE = 0.3
-"""Probability that a number that is tuned is drawn anew."""
-_STEP = 0.15
-"""Standard deviation of a small step of a number, as a part of its domain."""
 
 
 def _always(module: Module, parameters: Sequence[float]) -> bool:  # noqa: ARG001 - for any module
@@ -42,7 +38,7 @@ class PfsmStructure:
     def __init__(self, flavour: str, usable: Usable = _always, can_fire: Usable = _always) -> None:
         self._flavour = flavour
         self._usable = usable
-        conditions = list(kinds(flavour))
+        conditions = list(kinds_of(modules_of(flavour)[1].values()))
         self._dead = {(one.module.name, one.label) for one in conditions if not can_fire(one.module, (1.0, one.label))}
         firing = {one.module.name for one in conditions if (one.module.name, one.label) not in self._dead}
         self._conditions = [module for module in modules_of(flavour)[1].values() if module.name in firing]
@@ -81,7 +77,7 @@ def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> lis
     """
 
     def fires(edge: Transition) -> bool:
-        return (edge.condition, edge.parameters[-1] if edge.module.labelled else 1.0) not in dead
+        return (edge.condition, label_of(edge.module, edge.parameters)) not in dead
 
     found = []
     for i, state in enumerate(states):
@@ -171,7 +167,7 @@ class _States:
         place = self._any_of(places)
         one = self._at(*place)
         k = self._any_of(range(len(one.parameters)))
-        value = self._near(one.module.parameters[k], one.parameters[k])
+        value = near(one.module.parameters[k], one.parameters[k], self._draws)
         self._put(*place, one._replace(parameters=(*one.parameters[:k], value, *one.parameters[k + 1 :])))
         return True
 
@@ -302,11 +298,6 @@ class _States:
 
     def _values(self, module: Module) -> tuple[float, ...]:
         return drawn_values(module, self._draws)
-
-    def _near(self, parameter: ModuleParameter, value: float) -> float:
-        place = place_of(parameter, value) + _STEP * self._draws.normal()
-        anywhere = self._draws.random() < _ANYWHERE or not 0 <= place <= 1
-        return value_at(parameter, self._draws.random() if anywhere else place)
 
     def _any_of(self, some: Sequence[T]) -> T:
         return any_of(some, self._draws)

@@ -1,0 +1,1 @@
+"""Trees in words: what a tree does, and how two of them differ."""

@@ -1,0 +1,89 @@
+"""A behaviour tree in plain sentences: node by node, or branch by branch if it has the shape of designed trees."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+from mercator_design.errors import FsmError
+from mercator_design.modules.module import KnownSwarm
+from mercator_design.modules.words import module_words, robots_words, with_parameters
+from mercator_design.tree.space.grammar import Branch, branches_of
+from mercator_design.tree.tree import Node, Tree
+
+_DOES = {
+    "selector": "ticks its children from the first, until one does not fail; fails if all fail",
+    "selector*": "ticks its children from the one that was running last, until one does not fail",
+    "sequence": "ticks its children from the first, until one does not succeed; succeeds if all succeed",
+    "sequence*": "ticks its children from the one that was running last, until one does not succeed",
+    "negation": "fails where its child succeeds, and succeeds where it fails",
+}
+
+
+def node_words(node: Node) -> str:
+    """A node in a line, without its children: its kind; of a leaf its module, with the parameters."""
+    if not node.is_leaf:
+        return node.kind
+    p = f", p {node.p:g}" * (node.p != 0.0)
+    return f"{node.kind} {with_parameters(node.module, node.parameters)}{p}"
+
+
+def explanation(tree: Tree, swarm: KnownSwarm) -> str:
+    """What robots with a tree do."""
+    return "\n".join(_lines(tree, swarm))
+
+
+def _lines(tree: Tree, swarm: KnownSwarm) -> Iterator[str]:
+    nodes = [node for _, node in tree.preorder]
+    actions, conditions = (sum(node.kind == kind for node in nodes) for kind in ("action", "condition"))
+    parts = f"{_count(len(nodes), 'node')}: {_count(actions, 'action')} and {_count(conditions, 'condition')}"
+    yield f"A behaviour tree of {tree.flavour} of {parts} among them."
+    if swarm.robots is not None:
+        yield robots_words(swarm.robots)
+    yield (
+        f"In each control cycle ({swarm.cycle:g} s) the root is ticked, and ticks its children in turn. At most one\n"
+        "action acts. Where the root succeeds or fails, the robot stands still in this cycle."
+    )
+    with contextlib.suppress(FsmError):
+        yield from _ring(branches_of(tree), swarm)
+        return
+    for identifier, node in tree.preorder:
+        indent = "  " * len(identifier)
+        yield f"\n{indent}{identifier or 'root'}: {node_words(node)}"
+        yield f"{indent}  {_node_sentence(node, swarm)}"
+    yield ""
+
+
+def _node_sentence(node: Node, swarm: KnownSwarm) -> str:
+    if node.kind == "condition":
+        return f"It succeeds {_holds(node, swarm)}; otherwise it fails."
+    if node.kind == "action":
+        ends = f" It succeeds instead with probability {node.p:g} a cycle." * (node.p > 0.0)
+        return f"The robot {module_words(node.module, node.parameters, swarm)}.{ends}"
+    return f"It {_DOES[node.kind]}."
+
+
+def _ring(branches: Sequence[Branch], swarm: KnownSwarm) -> Iterator[str]:
+    """The branches of a designed tree, in each of which a robot is as in a state of a PFSM."""
+    yield (
+        "The tree is a ring of branches. A robot stays in a branch until a condition of it succeeds, which is tested\n"
+        "before the action, in the first cycle too. It begins with branch 0."
+    )
+    for i, branch in enumerate(branches):
+        acting = branch.action
+        yield f"\nBranch {i}: {with_parameters(acting.module, acting.parameters)}"
+        yield f"  The robot {module_words(acting.module, acting.parameters, swarm)}."
+        if i + 1 < len(branches):
+            yield f"  It goes on to branch {i + 1} in the same cycle"
+        else:
+            yield "  It stands still for a cycle, and begins again with branch 0,"
+        for node in branch.conditions:
+            yield f"    {_holds(node, swarm)}"
+            yield f"      [{with_parameters(node.module, node.parameters)}]"
+    yield ""
+
+
+def _holds(node: Node, swarm: KnownSwarm) -> str:
+    return module_words(node.module, node.parameters, swarm)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"

@@ -53,12 +53,12 @@ def to_tikz(pfsm: Pfsm, names: tuple[str, ...]) -> str:
         r"]",
     ]
     for i, (name, state) in enumerate(zip(names, pfsm.states, strict=True)):
-        words = r" \\ ".join(map(_latex, _state_lines(name, state)))
+        words = r" \\ ".join(map(latex, _state_lines(name, state)))
         lines.append(rf"  \node[state{', initial' * (i == 0)}] (s{i}) at {places[i]} {{{words}}};")
     for i, state in enumerate(pfsm.states):
         for target in dict.fromkeys(edge.target for edge in state.transitions):
             edges = [edge for edge in state.transitions if edge.target == target]
-            words = r" \\ ".join(_latex(", ".join(_lines(edge))) for edge in edges)
+            words = r" \\ ".join(latex(", ".join(_lines(edge))) for edge in edges)
             lines.append(rf"  \path (s{i}) edge node[condition, pos=0.35] {{{words}}} (s{target});")
     return "\n".join([*lines, r"\end{tikzpicture}", r"\end{document}", ""])
 
@@ -76,5 +76,6 @@ def _lines(edge: Transition) -> list[str]:
     return [edge.condition, *filter(None, [parameters_words(edge.module, edge.parameters)])]
 
 
-def _latex(text: str) -> str:
+def latex(text: str) -> str:
+    """A text as LaTeX writes it."""
     return text.replace("_", r"\_")

@@ -96,26 +96,32 @@ def _coloured(swarm: KnownSwarm, beta: float, label: float) -> str:
 
 
 def _many(swarm: KnownSwarm, xi: float, eta: float) -> str:
-    return f"the more neighbours the likelier: {_by_neighbours(xi, eta, swarm, +1)}"
+    return _by_neighbours("more", xi, eta, swarm)
 
 
 def _few(swarm: KnownSwarm, xi: float, eta: float) -> str:
-    return f"the fewer neighbours the likelier: {_by_neighbours(xi, eta, swarm, -1)}"
+    return _by_neighbours("fewer", xi, eta, swarm)
 
 
 def _pulled(swarm: KnownSwarm, beta: float, pull: float) -> str:
     return probability_words(beta, swarm, f"where the sum of the vectors to neighbours is not longer than {pull:g}")
 
 
-def _by_neighbours(xi: float, eta: float, swarm: KnownSwarm, sign: int) -> str:
+def _by_neighbours(which: Literal["more", "fewer"], xi: float, eta: float, swarm: KnownSwarm) -> str:
     """The probabilities with none and with about xi neighbours; no more than there are other robots."""
     numbers = {0, max(0, int(xi) - 1), int(xi), int(xi) + 1}
     only = ""
     if swarm.robots is not None and swarm.robots <= max(numbers):
         numbers = {min(n, swarm.robots - 1) for n in numbers}
         only = f"; {others_words(swarm.robots)}"
-    found = [f"{percent_words(logistic(float(eta) * sign * (n - xi)))} with {n or 'none'}" for n in sorted(numbers)]
-    return f"{' and '.join(filter(None, (', '.join(found[:-1]), found[-1])))}, in each cycle{only}"
+    found = []
+    for n in sorted(numbers):
+        p = crowding(swarm.model, Readings(neighbours=float(n)), xi, eta)
+        found.append(f"{percent_words(p if which == 'more' else 1.0 - p)} with {n or 'none'}")
+    holds = "never" if which == "more" else "always"
+    beyond = f", but {holds} with more than {int(xi)}" * (swarm.model.count_wraps != 0.0 and eta > 0.0)
+    probabilities = " and ".join(filter(None, (", ".join(found[:-1]), found[-1])))
+    return f"the {which} neighbours the likelier{beyond}: {probabilities}, in each cycle{only}"
 
 
 @condition(label="BlackFloor", reads={"ground"}, words=_where("where the ground is black"))

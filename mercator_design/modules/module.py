@@ -88,6 +88,7 @@ class KnownSwarm(NamedTuple):
 
     cycle: float  # [s] control period
     robots: int | None = None  # how many; None if it is not known
+    model: ReferenceModel = ReferenceModel()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator, Sequence
 
 from mercator_design.errors import FsmError
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words, with_parameters
 from mercator_design.tree.space.grammar import Branch, branches_of
@@ -27,7 +28,8 @@ def node_words(node: Node) -> str:
 
 
 def explanation(tree: Tree, swarm: KnownSwarm) -> str:
-    """What robots with a tree do."""
+    """What robots with a tree do; the reference model is that of the swarm with the constants of the flavour."""
+    swarm = swarm._replace(model=flavour_of(tree.flavour).reference_model(swarm.model))
     return "\n".join(_lines(tree, swarm))
 
 

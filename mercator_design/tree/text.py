@@ -79,11 +79,11 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
 
 def _other_flavour(flavour: str, read: Callable[[Flavour], object]) -> str:
     """What to say of a tree that cannot be read in its flavour, but in another; empty if it fits none."""
-    for other in map(flavour_of, flavour_names()):
-        if other.architecture == "tree" and other.name != flavour:
+    for other in flavour_names("tree"):
+        if other != flavour:
             with contextlib.suppress(FsmError):
-                read(other)
-                return f"; it fits the flavour {other.name}: give that flavour"
+                read(flavour_of(other))
+                return f"; it fits the flavour {other}: give that flavour"
     return ""
 
 

@@ -2,12 +2,12 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.flavour import flavour_names, flavour_of
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter, senses_bits
 from mercator_design.modules.perception import Row
 
@@ -102,6 +102,9 @@ class Tree:
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        if flavour_of(self.flavour).architecture != "tree":
+            known = ", ".join(flavour_names("tree"))
+            raise FsmError(f"flavour: expected one of trees ({known}), found {self.flavour!r}")
         if self.root.is_leaf:
             raise FsmError(f"the root: expected one of {', '.join(KINDS[:ACTION])}, found {self.root.kind!r}")
         seen = set()
@@ -175,6 +178,16 @@ class Tree:
                 yield place_of(identifier), node
 
     @property
+    def links(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Of each node in preorder the numbers of its parent (0: the root) and of the first node behind its subtree."""
+        ends = tuple(k + _size(node) for k, (_, node) in enumerate(self.preorder))
+        parents = [0] * len(ends)
+        for k in range(len(ends)):
+            for child in children_of(k, ends):
+                parents[child] = k
+        return tuple(parents), ends
+
+    @property
     def draws(self) -> int:
         """Uniform draws of a cycle: one for each node, and one for the behaviour that acts."""
         return sum(1 for _ in self.preorder) + 1
@@ -185,19 +198,13 @@ class Tree:
         n = len(nodes)
         kept = [_own_memory(node) for node in nodes]
         starts = [*itertools.accumulate(kept, initial=1 + n)]
-        ends = [k + _size(node) for k, node in enumerate(nodes)]
-        parents = [0] * n
-        for k, end in enumerate(ends):
-            child = k + 1
-            while child < end:
-                parents[child] = k
-                child = ends[child]
+        parents, ends = self.links
         values = [(*node.parameters, node.p) if node.kind == "action" else node.parameters for node in nodes]
         modules = [node.module if node.is_leaf else None for node in nodes]
         return Program(
             kinds=tuple(KINDS.index(node.kind) for node in nodes),
-            parents=tuple(parents),
-            ends=tuple(ends),
+            parents=parents,
+            ends=ends,
             modules=tuple(module.position if module else 0 for module in modules),
             failures=tuple(module.failure if module else -1 for module in modules),
             starts=(0, *itertools.accumulate(map(len, values))),
@@ -216,6 +223,14 @@ def identified(root: Node) -> Iterator[tuple[str, Node]]:
         yield identifier, node
         if len(identifier) <= MAX_DEPTH:
             waiting += [(f"{identifier}{i}", child) for i, child in reversed([*enumerate(node.children)])]
+
+
+def children_of(k: int, ends: Sequence[int]) -> Iterator[int]:
+    """The numbers of the children of a node."""
+    child = k + 1
+    while child < ends[k]:
+        yield child
+        child = ends[child]
 
 
 def place_of(identifier: str) -> str:

@@ -3,14 +3,14 @@
 It is light or dark as diagram.py says.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.modules.words import parameters_words
 from mercator_design.show.machines.layout import Extent, size_of
 from mercator_design.show.machines.parts import INKS, PAD, box, picture
-from mercator_design.tree.tree import Node, Tree
+from mercator_design.tree.tree import Node, Tree, children_of
 
 SYMBOLS = {"selector": "?", "selector*": "?*", "sequence": "→", "sequence*": "→*", "negation": "¬"}
 """What pictures of behaviour trees usually have for inner nodes."""
@@ -41,8 +41,7 @@ def tree_svg(tree: Tree, *, caption: Sequence[str] = (), narrow: bool = False) -
     """
     nodes = [node for _, node in tree.preorder]
     texts = [node_lines(node) for node in nodes]
-    program = tree.program()
-    parents, ends = [*map(int, program.parents)], [*map(int, program.ends)]
+    parents, ends = tree.links
     sizes = [(max(64.0, width + 20.0), height + 8.0) for width, height in map(size_of, texts)]
     placed = (_outline if narrow else _top_down)(sizes, parents, ends)
     body = []
@@ -80,27 +79,20 @@ def _title(nodes: Sequence[Node]) -> str:
     return f"Behaviour tree of {n} node{'s' * (n != 1)}"
 
 
-def _children(k: int, ends: Sequence[int]) -> Iterator[int]:
-    child = k + 1
-    while child < ends[k]:
-        yield child
-        child = ends[child]
-
-
 def _top_down(sizes: Sequence[tuple[float, float]], parents: Sequence[int], ends: Sequence[int]) -> _Placed:
     """A node above the middle of its children; those of one level side by side, with their upper edges in line."""
     n = len(sizes)
     widths = [width for width, _ in sizes]
     for k in reversed(range(n)):
-        below = [widths[child] for child in _children(k, ends)]
-        widths[k] = max(widths[k], sum(below) + _BESIDE * (len(below) - 1))
+        spans = [widths[child] for child in children_of(k, ends)]
+        widths[k] = max(widths[k], sum(spans) + _BESIDE * (len(spans) - 1))
     levels = [0] * n
     for k in range(1, n):
         levels[k] = levels[parents[k]] + 1
     heights = [max(sizes[k][1] for k in range(n) if levels[k] == level) for level in range(max(levels) + 1)]
     lefts = [0.0] * n
     for k in range(n):
-        below = [*_children(k, ends)]
+        below = [*children_of(k, ends)]
         span = sum(widths[child] for child in below) + _BESIDE * (len(below) - 1)
         left = lefts[k] + 0.5 * (widths[k] - span)
         for child in below:

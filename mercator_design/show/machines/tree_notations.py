@@ -56,6 +56,5 @@ def _node_label(node: Node) -> list[str]:
 
 def _edges(tree: Tree) -> Iterator[tuple[int, int]]:
     """Each node but the root, behind its parent, by their numbers in preorder."""
-    for k, parent in enumerate(tree.program().parents):
-        if k > 0:
-            yield int(parent), k
+    parents, _ = tree.links
+    yield from ((parent, k) for k, parent in enumerate(parents) if k > 0)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import Module
-from mercator_design.modules.space import Chosen, GrammarParameter, Value, choices
+from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
 from mercator_design.tree.tree import Node, Tree, action, condition, place_of
 
 
@@ -92,25 +92,35 @@ def branches_of(tree: Tree) -> tuple[Branch, ...]:
     Raises:
         FsmError: as `from_tree`.
     """
+    branches = shape_of(tree)
+    if branches is None:
+        raise FsmError(
+            f"the root: {tree.flavour} designs a sequence* of branches, each a selector of conditions and an action "
+            "with p = 0; this tree has another shape"
+        )
     max_branches, max_conditions = limits_of(tree.flavour)
-    behaviours, conditions = ({one.name for one in modules.values()} for modules in modules_of(tree.flavour))
-    if tree.root.kind != "sequence*" or len(tree.root.children) > max_branches:
-        expected = f"a sequence* of 1 to {max_branches} branches"
-        found = f"a {tree.root.kind} of {len(tree.root.children)}"
-        raise FsmError(f"the root: a tree that {tree.flavour} designs has {expected}; found {found}")
-    found_branches = []
-    for i, branch in enumerate(tree.root.children):
+    if len(branches) > max_branches:
+        raise FsmError(f"the root: {tree.flavour} designs 1 to {max_branches} branches, found {len(branches)}")
+    for i, branch in enumerate(branches):
+        if len(branch.conditions) > max_conditions:
+            n = len(branch.conditions)
+            raise FsmError(f"{place_of(str(i))}: {tree.flavour} designs 1 to {max_conditions} conditions, found {n}")
+        for j, node in enumerate((*branch.conditions, branch.action)):
+            if node.name in flavour_of(tree.flavour).not_designed:
+                raise FsmError(f"{place_of(f'{i}{j}')}: {tree.flavour} does not design with {node.name}")
+    return branches
+
+
+def shape_of(tree: Tree) -> tuple[Branch, ...] | None:
+    """The branches of a tree, if it has the shape of those that are designed, whatever their number."""
+    found = []
+    for branch in tree.root.children:
         *tested, acting = branch.children or (branch,)
-        is_branch = branch.kind == "selector" and 1 <= len(tested) <= max_conditions
-        is_branch &= all(node.kind == "condition" and node.name in conditions for node in tested)
-        if not (is_branch and acting.kind == "action" and acting.name in behaviours and acting.p == 0.0):
-            some = f"1 to {max_conditions} conditions" if max_conditions > 1 else "one condition"
-            raise FsmError(
-                f"{place_of(str(i))}: a branch that {tree.flavour} designs is a selector of {some} of "
-                f"{', '.join(sorted(conditions))} and an action of {', '.join(sorted(behaviours))} with p = 0"
-            )
-        found_branches.append(Branch(tuple(tested), acting))
-    return tuple(found_branches)
+        is_branch = branch.kind == "selector" and bool(tested) and all(node.kind == "condition" for node in tested)
+        if not is_branch or acting.kind != "action" or acting.p != 0.0:
+            return None
+        found.append(Branch(tuple(tested), acting))
+    return tuple(found) if found and tree.root.kind == "sequence*" else None
 
 
 def to_branches(configuration: Mapping[str, Value], flavour: str) -> tuple[Branch, ...]:
@@ -165,7 +175,7 @@ def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]
 @functools.cache
 def never_of(flavour: str) -> Node | None:
     """A condition that never holds: the last one whose probability may be 0; None if there is none."""
-    for module in reversed(modules_of(flavour)[1].values()):
+    for module in reversed([*modules_of(flavour)[1].values()]):
         if can_never_hold(module):
             return condition(module.name, 0.0, *(float(parameter.low) for parameter in module.parameters[1:]))
     return None

@@ -3,18 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from mercator_design.errors import FsmError
 from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values, kinds_of, label_of, near
 from mercator_design.modules.grammar import Value
 from mercator_design.modules.module import Module
 from mercator_design.tree.space.grammar import (
     Branch,
-    branches_of,
     can_never_hold,
     from_branches,
     limits_of,
     modules_of,
     never_of,
+    shape_of,
     to_branches,
     tree_of,
 )
@@ -60,9 +59,8 @@ class TreeStructure:
 
 def canonical(tree: Tree) -> Tree:
     """The same tree in a form of its own, if it has the shape of those that are designed; else the tree."""
-    try:
-        branches = branches_of(tree)
-    except FsmError:
+    branches = shape_of(tree)
+    if branches is None:
         return tree
     return replace(tree, root=tree_of(_canonical(branches, tree.flavour, _always), tree.flavour).root)
 

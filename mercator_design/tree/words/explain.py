@@ -1,13 +1,11 @@
 """A behaviour tree in plain sentences: node by node, or branch by branch if it has the shape of designed trees."""
 
-import contextlib
 from collections.abc import Iterator, Sequence
 
-from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words, with_parameters
-from mercator_design.tree.space.grammar import Branch, branches_of
+from mercator_design.tree.space.grammar import Branch, shape_of
 from mercator_design.tree.tree import Node, Tree
 
 _DOES = {
@@ -44,8 +42,8 @@ def _lines(tree: Tree, swarm: KnownSwarm) -> Iterator[str]:
         f"In each control cycle ({swarm.cycle:g} s) the root is ticked, and ticks its children in turn. At most one\n"
         "action acts. Where the root succeeds or fails, the robot stands still in this cycle."
     )
-    with contextlib.suppress(FsmError):
-        yield from _ring(branches_of(tree), swarm)
+    if (branches := shape_of(tree)) is not None:
+        yield from _ring(branches, swarm)
         return
     for identifier, node in tree.preorder:
         indent = "  " * len(identifier)

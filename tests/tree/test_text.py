@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import Flavour, enter_flavour, flavour_of
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.text import parse, to_text
 from mercator_design.tree.tree import Node, Tree, action, condition
@@ -228,12 +228,8 @@ def test_tolerant_as_the_original(case):
         assert tree == parse(meaning)
 
 
-def test_a_text_of_another_flavour_is_named(registries):
-    small = Flavour(
-        name="small", architecture="tree", behaviours={"stop": 1}, conditions={"black floor": 0},
-        limits={"branches": 4, "conditions": 1},
-    )  # fmt: skip
-    enter_flavour(small)
+def test_a_text_of_another_flavour_is_named(own_flavour):
+    own_flavour("small", behaviours={"stop": 1}, conditions={"black floor": 0}, not_designed=())
     with pytest.raises(FsmError, match="found '--rwm0'; it fits the flavour maple"):
         parse("--nroot 0 --nchildroot 1 --n0 5 --a0 0 --rwm0 5 --p0 0", "small")
 

@@ -66,7 +66,10 @@ def _limits_are_known(architecture: str, limits: Mapping[str, int] | None) -> It
 
 
 def _designed_are_modules(
-    not_designed: tuple[str, ...], behaviours: Mapping[str, int], conditions: Mapping[str, int] | None
+    architecture: str,
+    not_designed: tuple[str, ...],
+    behaviours: Mapping[str, int],
+    conditions: Mapping[str, int] | None,
 ) -> Iterator[FieldError]:
     for k, name in enumerate(not_designed):
         if name not in {**behaviours, **(conditions or {})}:
@@ -75,6 +78,8 @@ def _designed_are_modules(
             )
     if behaviours and {*behaviours} <= {*not_designed}:
         yield FieldError("not_designed", "expected one behaviour at least that is designed, found none")
+    if architecture == "tree" and {*(conditions or {})} <= {*not_designed}:
+        yield FieldError("conditions", "expected one condition at least that trees are designed with, found none")
 
 
 def _constants_are_valid(constants: Mapping[str, float] | None) -> Iterator[FieldError]:

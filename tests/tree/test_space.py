@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mercator_design.config.schema import FieldError
 from mercator_design.errors import FsmError
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.space.grammar import branches_of, from_tree, parameters_of, shape_of, to_tree, tree_of
 from mercator_design.tree.space.structure import TreeStructure, canonical
@@ -188,11 +190,18 @@ def test_moves_reach_every_number_of_branches_and_every_module():
     assert len(names) == 12
 
 
-def test_a_flavour_of_a_single_tree_has_no_moves(own_flavour):
-    own_flavour(
-        "single", behaviours={"stop": 1}, conditions={}, not_designed=(), limits={"branches": 1, "conditions": 1}
-    )
-    assert TreeStructure("single").simple(np.random.default_rng(1)) == []
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"conditions": {}, "not_designed": ()}, "conditions: expected one condition at least that trees are designed"),
+        ({"not_designed": ("stop", "jump")}, r"not_designed\[1\]: expected a behaviour or a condition .* found 'jump'"),
+        ({"not_designed": tuple(flavour_of("maple").behaviours)}, "not_designed: expected one behaviour at least"),
+        ({"limits": {"states": 4}}, "limits.states: expected one of branches, conditions"),
+    ],
+)
+def test_flavours_that_nothing_can_be_designed_with_are_refused(own_flavour, changes, message):
+    with pytest.raises(FieldError, match=message):
+        own_flavour("wrong", **changes)
 
 
 def test_tree_of_branches():

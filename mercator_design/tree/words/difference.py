@@ -48,7 +48,9 @@ def _changes(identifier: str, old: Node, new: Node) -> Iterator[str]:
                 yield f"{place}, {old.name}: {name} {before[name]} -> {value}"
         return
     if old.kind != new.kind or old.is_leaf:
-        yield f"{place}: {_described(new)} instead of {_described(old)}"
+        is_node_alone = not (old.is_leaf or new.is_leaf)
+        after, before = map(node_words if is_node_alone else _described, (new, old))
+        yield f"{place}: {after} instead of {before}"
     if old.is_leaf or new.is_leaf:
         return
     steps = SequenceMatcher(None, old.children, new.children, autojunk=False).get_opcodes()

@@ -10,7 +10,7 @@ from mercator_design.tree.tree import Node, Tree
 
 _DOES = {
     "selector": "ticks its children from the first, until one does not fail; fails if all fail",
-    "selector*": "ticks its children from the one that was running last, until one does not fail",
+    "selector*": "ticks its children from the one that was running last, until one does not fail; {} if all fail",
     "sequence": "ticks its children from the first, until one does not succeed; succeeds if all succeed",
     "sequence*": "ticks its children from the one that was running last, until one does not succeed",
     "negation": "fails where its child succeeds, and succeeds where it fails",
@@ -58,7 +58,8 @@ def _node_sentence(node: Node, swarm: KnownSwarm) -> str:
     if node.kind == "action":
         ends = f" It succeeds instead with probability {node.p:g} a cycle." * (node.p > 0.0)
         return f"The robot {module_words(node.module, node.parameters, swarm)}.{ends}"
-    return f"It {_DOES[node.kind]}."
+    slip = swarm.model.starred_selector_succeeds != 0.0
+    return f"It {_DOES[node.kind].format('succeeds' if slip else 'fails')}."
 
 
 def _ring(branches: Sequence[Branch], swarm: KnownSwarm) -> Iterator[str]:

@@ -21,7 +21,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 def package_files() -> list[Path]:
     """The source files of this package from which compiled code is made."""
-    folders = ("compiling", "fsm", "missions", "modules", "network", "sim", "software")
+    folders = ("compiling", "fsm", "missions", "modules", "network", "sim", "software", "tree")
     files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
     return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit"))]
 

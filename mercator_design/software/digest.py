@@ -1,4 +1,4 @@
-"""Whether two computers decide alike: a digest of the files by which a PFSM perceives and acts."""
+"""Whether two computers decide alike: a digest of the files by which control software perceives and acts."""
 
 import hashlib
 from importlib.resources import files
@@ -7,6 +7,7 @@ FILES = {
     "modules": ("behaviours", "clustering", "conditions", "flavour", "module", "perception", "reference"),
     "fsm": ("control", "pfsm"),
     "network": ("control", "inputs", "network"),
+    "tree": ("control", "tree"),
     "software": ("architectures", "controller"),
 }
 """Those of some folders of this package."""

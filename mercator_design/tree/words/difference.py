@@ -48,9 +48,8 @@ def _changes(identifier: str, old: Node, new: Node) -> Iterator[str]:
                 yield f"{place}, {old.name}: {name} {before[name]} -> {value}"
         return
     if old.kind != new.kind or old.is_leaf:
-        is_node_alone = not (old.is_leaf or new.is_leaf)
-        after, before = map(node_words if is_node_alone else _described, (new, old))
-        yield f"{place}: {after} instead of {before}"
+        words = _described if old.is_leaf or new.is_leaf else node_words  # the children of both are compared below
+        yield f"{place}: {words(new)} instead of {words(old)}"
     if old.is_leaf or new.is_leaf:
         return
     steps = SequenceMatcher(None, old.children, new.children, autojunk=False).get_opcodes()

@@ -11,7 +11,6 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.modules.conditions import COLOUR_LABELS
 from mercator_design.modules.drawing import drawn_values
 from mercator_design.modules.module import BEHAVIOURS
-from mercator_design.modules.space import drawn_values
 from mercator_design.race.space.parameter import key_of
 from mercator_design.sim.simulate import Simulator
 

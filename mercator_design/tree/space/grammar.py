@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
-from mercator_design.modules.module import Module
 from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
+from mercator_design.modules.module import Module
 from mercator_design.tree.tree import Node, Tree, action, condition, place_of
 
 

@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, relative_target
+from mercator_design.modules.architecture import Warn
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_names, flavour_of
 from mercator_design.modules.module import Module
-from mercator_design.modules.tokens import FlagReader, OriginalReader, Warn, flags_of, tokens_of, values_text
+from mercator_design.modules.tokens import FlagReader, OriginalReader, flags_of, tokens_of, values_text
 
 
 def _known_flags(flavour: Flavour) -> re.Pattern[str]:

@@ -2,13 +2,12 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from mercator_design.errors import FsmError
+from mercator_design.modules.architecture import Warn
 from mercator_design.modules.flavour import Flavour
 from mercator_design.modules.module import Module, ModuleParameter
-
-Warn = Callable[[str], None]
 
 _MAX_WARNING = 200
 _MAX_TOKEN = 40

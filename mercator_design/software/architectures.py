@@ -8,8 +8,9 @@ from mercator_design.modules.architecture import Architecture, Software
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.grammar import Value
 from mercator_design.network.architecture import NETWORK
+from mercator_design.tree.architecture import TREE
 
-ARCHITECTURES: Mapping[str, Architecture] = {one.name: one for one in (PFSM, NETWORK)}
+ARCHITECTURES: Mapping[str, Architecture] = {one.name: one for one in (PFSM, TREE, NETWORK)}
 
 control = type_dispatcher({one.program: one.cycle for one in ARCHITECTURES.values()}, argument=1)
 """`control(model, program, readings, memory, draws, actions)`: one control cycle of any control software."""

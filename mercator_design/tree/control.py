@@ -4,11 +4,13 @@
 plain Python.
 """
 
+from collections.abc import Sequence
+
 from mercator_design.jit import jittable
 from mercator_design.modules.behaviours import behave, fail
 from mercator_design.modules.conditions import probability
-from mercator_design.modules.perception import MutableRow, Row
-from mercator_design.modules.reference import SCRATCH, Readings, ReferenceModel
+from mercator_design.modules.perception import MutableRow, Row, new_row
+from mercator_design.modules.reference import ACTIONS, SCRATCH, Readings, ReferenceModel
 from mercator_design.tree.tree import (
     ACTION,
     CONDITION,
@@ -17,6 +19,7 @@ from mercator_design.tree.tree import (
     SEQUENCE,
     SEQUENCE_STAR,
     Program,
+    Tree,
 )
 
 ACTING, STATUSES = 0, 1
@@ -125,3 +128,22 @@ def _leaf(
     elif program.marks[k] > 0:
         memory[program.marks[k]] = 1.0
     return status
+
+
+def ticked_from(
+    tree: Tree, model: ReferenceModel, active: int, readings: Readings, draws: Sequence[float]
+) -> tuple[int, list[int]]:
+    """Which node acts after a cycle in which another acted, and which nodes succeed: by their numbers in preorder.
+
+    Starred nodes above the one that acted go on with it; what else nodes remember is not known.
+    """
+    program, memory = tree.program(), new_row(tree.program().memory)
+    child = active
+    while child > 0:
+        parent = int(program.parents[child])
+        if program.kinds[parent] in _STARRED:
+            memory[program.memory_starts[parent]] = float(child)
+        child = parent
+    tree_cycle(model, program, readings, memory, draws, new_row(ACTIONS))
+    succeeded = [k for k in range(len(program.kinds)) if memory[STATUSES + k] == SUCCESS]
+    return int(memory[ACTING]), succeeded

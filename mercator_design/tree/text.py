@@ -13,12 +13,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from mercator_design.errors import FsmError
+from mercator_design.modules.architecture import Warn
 from mercator_design.modules.flavour import Flavour, flavour_names, flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.modules.tokens import (
     FlagReader,
     OriginalReader,
-    Warn,
     flags_of,
     number_text,
     tokens_of,

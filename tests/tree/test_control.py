@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.fsm.control import new_row
+from mercator_design.modules.perception import new_row
 from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.tree.control import ACTING, FAILURE, NOT_TICKED, RUNNING, STATUSES, SUCCESS, tree_cycle
 from mercator_design.tree.text import parse

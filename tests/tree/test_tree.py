@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mercator_design.errors import FsmError
-from mercator_design.fsm.control import new_row
 from mercator_design.jit import compiled
+from mercator_design.modules.perception import new_row
 from mercator_design.modules.reference import ACTIONS, ReferenceModel
 from mercator_design.tree.control import tree_cycle
 from mercator_design.tree.text import parse, to_text

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mercator_design.fsm.control import new_row
 from mercator_design.jit import compiled
 from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.perception import new_row
 from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.tree.control import ACTING, FAILURE, RUNNING, STATUSES, SUCCESS, tree_cycle

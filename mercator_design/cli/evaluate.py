@@ -14,9 +14,8 @@ from mercator_design.cli.options import CONTROLLER, CSV, FSM, JOBS, JSON, MISSIO
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import print_note, print_result, read_controllers, warn
 from mercator_design.config.writing import digest_of
-from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.results.analysis.swarm import evaluate_with_stats
 from mercator_design.show.text.evaluations import (
@@ -31,6 +30,7 @@ from mercator_design.show.text.evaluations import (
 from mercator_design.show.text.progress import Display, Mode
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.files import parse_software
 
 
 @click.command()
@@ -135,7 +135,7 @@ def evaluate(
 
 
 def measured(
-    pfsms: Mapping[str, Pfsm],
+    pfsms: Mapping[str, Software],
     simulator: Simulator,
     seeds: Sequence[int],
     *,
@@ -163,7 +163,7 @@ def measured(
     return evaluated
 
 
-def _without_effect(pfsms: Mapping[str, Pfsm], simulator: Simulator) -> list[str]:
+def _without_effect(pfsms: Mapping[str, Software], simulator: Simulator) -> list[str]:
     """Warnings of parts without effect; each names its controller, unless it is about all of them."""
     mission, model = simulator.mission, simulator.robot_model
     found = {name: [*no_effect_warnings(mission, model, pfsm.flavour, pfsm)] for name, pfsm in pfsms.items()}
@@ -174,20 +174,22 @@ def _without_effect(pfsms: Mapping[str, Pfsm], simulator: Simulator) -> list[str
 
 def _controllers(
     files: Sequence[Path], fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
-) -> tuple[dict[str, Pfsm], Simulator]:
+) -> tuple[dict[str, Software], Simulator]:
     """The controllers to measure by their names, from files or the command line, and their mission."""
     if bool(files) == (fsm_config is not None):
         raise click.UsageError("expected either FSM or --fsm-config")
     if fsm_config is not None:
         if given["mission"] is None:
             raise click.UsageError("--fsm-config needs --mission")
-        pfsm = parse(fsm_config, flavour or DEFAULT_FLAVOUR, tolerate=warn if lenient else None)
-        return {"fsm": pfsm}, new_simulator(load_mission(given["mission"], given["overrides"]), given["robot_model"])
-    pfsms: dict[str, Pfsm] = {}
+        software = parse_software(fsm_config, flavour or DEFAULT_FLAVOUR, tolerate=warn if lenient else None)
+        return {"fsm": software}, new_simulator(
+            load_mission(given["mission"], given["overrides"]), given["robot_model"]
+        )
+    pfsms: dict[str, Software] = {}
     simulator: Simulator | None = None
     for path in dict.fromkeys(files):
         found = read_controllers(path, flavour, lenient=lenient)
-        pfsms |= {name: file.pfsm for name, file in found.items()}
+        pfsms |= {name: file.software for name, file in found.items()}
         own = simulator_of(path, next(iter(found.values())), given, warn=ignore if quiet else warn)
         simulator = simulator or own
         if _digests(own) != _digests(simulator):

@@ -11,10 +11,10 @@ from mercator_design.cli.origin import Origin, origin_of
 from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
-from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.missions.plugin_files import read_plugin
 from mercator_design.missions.plugins import run_plugin
+from mercator_design.modules.architecture import Software
 from mercator_design.results.files import read_provenance
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
@@ -34,9 +34,9 @@ def check_apart(output: Path, inputs: Iterable[Path]) -> None:
             raise click.UsageError(f"{output}: expected another file than the one that is read")
 
 
-def warn_of_no_effect(simulator: Simulator, flavour: str, pfsm: Pfsm | None = None) -> None:
+def warn_of_no_effect(simulator: Simulator, flavour: str, software: Software | None = None) -> None:
     """Warn of parts without effect when a mission's robots run a PFSM, or any PFSM of a flavour."""
-    warn(*no_effect_warnings(simulator.mission, simulator.robot_model, flavour, pfsm))
+    warn(*no_effect_warnings(simulator.mission, simulator.robot_model, flavour, software))
 
 
 def warn_of_mission(simulator: Simulator, *, refuse: bool) -> None:

@@ -56,9 +56,9 @@ def record(
     simulator = simulator_of(fsm, file, given)
     loaded = simulator.mission
     warn_of_mission(simulator, refuse=False)
-    warn_of_no_effect(simulator, file.pfsm.flavour, file.pfsm)
+    warn_of_no_effect(simulator, file.software.flavour, file.software)
     check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
     with writing(output), replacing(output) as stream:
-        outcome = simulator.run(file.pfsm, seed, record=True)
+        outcome = simulator.run(file.software, seed, record=True)
         write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix.lower())
     print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

@@ -6,7 +6,7 @@ import click
 
 from mercator_design.cli.machines.swarm import swarm_of
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result, read_controller
-from mercator_design.fsm.words.explain import explanation
+from mercator_design.software.architectures import architecture_of
 
 
 @click.command()
@@ -18,10 +18,11 @@ from mercator_design.fsm.words.explain import explanation
 @FLAVOUR
 @LENIENT
 def explain(fsm: Path, mission: str | None, flavour: str | None, lenient: bool) -> None:
-    """Say in plain sentences what robots with a PFSM do, state by state.
+    """Say in plain sentences what robots do, state by state of a PFSM, node by node of a behaviour tree.
 
     The number of robots and the control period are those of the mission. If none is known, the number of robots is not
     mentioned, and the control period is 0.1 s.
     """
     file = read_controller(fsm, flavour, lenient=lenient)
-    print_result(explanation(file.pfsm, file.names, swarm_of(fsm, file, mission)), nl=False)
+    architecture = architecture_of(file.software.flavour)
+    print_result(architecture.explanation(file.software, file.names, swarm_of(fsm, file, mission)), nl=False)

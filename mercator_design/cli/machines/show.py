@@ -18,17 +18,17 @@ from mercator_design.command import (
 )
 from mercator_design.modules.words import robots_words
 from mercator_design.show.machines.diagram import diagram_svg
-from mercator_design.show.machines.notations import to_dot, to_mermaid, to_tikz
+from mercator_design.show.machines.picture import notation_text, software_svg
 from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
 
 _RUNS, _SEED = 10, 1
 _FORMATS: Mapping[str, Callable[[FsmFile], str]] = {
-    "dot": lambda file: to_dot(file.pfsm),
-    "mermaid": lambda file: to_mermaid(file.pfsm, file.names),
-    "tikz": lambda file: to_tikz(file.pfsm, file.names),
+    "dot": lambda file: notation_text("dot", file.software, file.names),
+    "mermaid": lambda file: notation_text("mermaid", file.software, file.names),
+    "tikz": lambda file: notation_text("tikz", file.software, file.names),
     "yaml": fsm_yaml_text,
-    "text": lambda file: fsm_file_text(file.pfsm, file.header, file.names),
+    "text": lambda file: fsm_file_text(file.software, file.header, file.names),
 }
 _SUFFIXES = {
     ".svg": "svg", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".tex": "tikz", ".yaml": "yaml", ".yml": "yaml",
@@ -79,9 +79,9 @@ def show(
     if form != "svg":
         text = _FORMATS[form](file)
     elif mission is None:
-        robots = swarm_of(fsm, file).robots if "neighbours" in file.pfsm.reads else None
+        robots = swarm_of(fsm, file).robots if "neighbours" in file.software.reads else None
         about = [] if robots is None else [robots_words(robots)]
-        text = diagram_svg(file.pfsm, file.names, caption=[*about, f"mdesign fsm show {shlex.quote(str(fsm))}"])
+        text = software_svg(file.software, file.names, caption=[*about, f"mdesign fsm show {shlex.quote(str(fsm))}"])
     else:
         text = _measured(fsm, file, mission, runs or _RUNS, _SEED if seed is None else seed)
     if output is None:

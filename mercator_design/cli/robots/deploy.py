@@ -116,7 +116,7 @@ def _refuse_what_is_needed(without: Iterable[str], file: FsmFile) -> None:
     """Refuse to leave out devices that the PFSM needs; a robot whose own settings need one refuses itself."""
     model = reference_model_of(file.header, ReferenceModel())
     for device in without:
-        if why := why_device_is_needed(device, file.pfsm.reads, model):
+        if why := why_device_is_needed(device, file.software.reads, model):
             raise click.UsageError(f"--without {device}: {why}")
 
 

@@ -109,7 +109,7 @@ def shows_experiments(verb: Callable[..., None]) -> Callable[..., None]:
             if simulator is None or len(sources) > 1:
                 raise click.UsageError("expected one trace, with --mission, which says where it took place")
             file = None if fsm is None else read(fsm)
-            pfsm, names = (None, ()) if file is None else (file.pfsm, file.names)
+            pfsm, names = (None, ()) if file is None else (file.software, file.names)
             shown = read_trace(sources[0], simulator, seed, pfsm, names=names)
         else:
             model = load_robot_model(robot_model or _ROBOT_MODEL) if simulator is None else simulator.robot_model
@@ -125,11 +125,11 @@ def _simulated(files: list[Path], read: Callable[[Path], FsmFile], given: Given,
     simulator = simulator_of(files[0], controllers[0], given)
     warn_of_mission(simulator, refuse=False)
     for controller in controllers:
-        warn_of_no_effect(simulator, controller.pfsm.flavour, controller.pfsm)
+        warn_of_no_effect(simulator, controller.software.flavour, controller.software)
     simulator.rehearse(announce=print_message)
     shown = []
     for file, controller in zip(files, controllers, strict=True):
         title = f"{file.name} on {simulator.mission.name}, seed {seed}"
-        pfsm, names = controller.pfsm, controller.names
+        pfsm, names = controller.software, controller.names
         shown.append(ShownExperiment.simulated(simulator, pfsm, seed, title=title, states=names))
     return shown

@@ -62,7 +62,7 @@ def run(
     with naming_header(fsm):
         model = settings.as_raced(file.header).reference_model
     for device in without:
-        if why := why_device_is_needed(device, file.pfsm.reads, model):
+        if why := why_device_is_needed(device, file.software.reads, model):
             raise click.UsageError(f"--without {device}: {why}")
     what = Run(file=file, seed=seed, duration=duration, is_dry=dry_run, without=without)
     if dry_run:

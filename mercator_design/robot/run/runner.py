@@ -58,18 +58,18 @@ def run(
         FsmError: if the header of the PFSM's file has a floor, a speed or the like that this robot cannot have.
         RobotError, RobotStopped, Signalled: as `in_control`.
     """
-    settings, pfsm = settings.as_raced(what.file.header), what.file.pfsm
+    settings, software = settings.as_raced(what.file.header), what.file.software
     try:
         _run(settings, what, path, report, start or ImmediateStart())
     except RobotError as error:
         if error.device in OPTIONAL_DEVICES:
-            why = why_device_is_needed(error.device, pfsm.reads, settings.reference_model)
+            why = why_device_is_needed(error.device, software.reads, settings.reference_model)
             error.add_note(why or f"the PFSM does not need it: run with --without {error.device}")
         raise
 
 
 def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], start: ImmediateStart) -> None:
-    log, pfsm, header = Log(path), what.file.pfsm, what.file.header
+    log, software, header = Log(path), what.file.software, what.file.header
     labels = settings.labels_of(header)
     if header.get("control software", control_digest()) != control_digest():
         report(
@@ -77,7 +77,7 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
         )
     with (
         start.listening(),
-        in_control(settings, pfsm.reads, labels, log, what.without, _LOGGED) as control,
+        in_control(settings, software.reads, labels, log, what.without, _LOGGED) as control,
         ExitStack() as ending,
     ):
         ending.callback(notify, STOPPING=1, STATUS="stopped, shuts down")
@@ -89,17 +89,17 @@ def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None
             start.wait(control)
             control.arm()
             notify(READY=1, STATUS=f"{settings.name} runs, {path}")
-            _cycles(control, Controller(pfsm, settings.reference_model), what, log, start)
+            _cycles(control, Controller(software, settings.reference_model), what, log, start)
 
 
 def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: ClockOffset | None) -> RunStarted:
     """The first event of the log."""
-    pfsm = what.file.pfsm
+    software = what.file.software
     return RunStarted(
         robot=settings.name,
         clock=clock,
-        fsm=text_of(pfsm),
-        flavour=pfsm.flavour,
+        fsm=text_of(software),
+        flavour=software.flavour,
         header=dict(what.file.header),
         seed=what.seed,
         duration=what.duration,

@@ -28,7 +28,13 @@ class _Placed(NamedTuple):
     lines: list[str]
 
 
-def tree_svg(tree: Tree, *, caption: Sequence[str] = (), narrow: bool = False) -> str:
+def tree_svg(
+    tree: Tree,
+    names: Sequence[str] = (),  # noqa: ARG001 - boxes have no names
+    *,
+    caption: Sequence[str] = (),
+    narrow: bool = False,
+) -> str:
     """The picture of a tree as SVG text.
 
     The elements of a node and of the line to it have `data-state`, its number in preorder: the viewer highlights the
@@ -36,6 +42,7 @@ def tree_svg(tree: Tree, *, caption: Sequence[str] = (), narrow: bool = False) -
 
     Args:
         tree: The tree to draw.
+        names: The names of its nodes, which the picture does not show.
         caption: Lines below the picture.
         narrow: Whether it is an outline, with a node on each row.
     """

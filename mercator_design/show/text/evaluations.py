@@ -6,10 +6,8 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from mercator_design.errors import printable
-from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.text import to_text
-from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.architecture import Software
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.evaluation import Evaluation
@@ -17,6 +15,7 @@ from mercator_design.results.analysis.swarm import SwarmStats
 from mercator_design.scores import ScoreRange
 from mercator_design.show.text.columns import aligned, difference
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.software.architectures import part_names, text_of
 from mercator_design.system.csv_text import csv_text
 
 _MAX_PAIRS = 10
@@ -27,10 +26,10 @@ _MAX_WIDTH = 30
 
 
 class Evaluated(NamedTuple):
-    """A PFSM with its results."""
+    """Control software with its results."""
 
     name: str
-    pfsm: Pfsm
+    software: Software
     result: Evaluation
     stats: SwarmStats | None = None
 
@@ -86,7 +85,7 @@ def evaluation_summary(one: Evaluated, mission: Mission, robot_model: RobotModel
         ]
     lines += [f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"]
     if one.stats is not None:
-        stats, names = one.stats, state_names(one.pfsm)
+        stats, names = one.stats, part_names(one.software)
         lines += [
             *(f"{f'in state {k}':21}{share:.1%} {names[k]}" for k, share in enumerate(stats.states)),
             f"transitions          {stats.transitions:.3g}/s of a robot",
@@ -181,7 +180,7 @@ def comparison_data(found: Comparison, *, seed: int | None) -> dict[str, Any]:
         "seeds": best.result.seeds,
         "best": best.name,
         "fsms": [
-            {"name": one.name, "fsm": to_text(one.pfsm), "scores": one.scores.values, **_figures(one)}
+            {"name": one.name, "fsm": text_of(one.software), "scores": one.scores.values, **_figures(one)}
             for one in found.of
         ],
         "pairs": [

@@ -10,6 +10,7 @@ import numpy as np
 from mercator_design.config.colours import COLOURS, RGB, Colour, ColourName
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.modules.perception import gray_level, ground_by_vote
@@ -24,22 +25,23 @@ _PIXELS = 2_000
 """Number of pixels of an image to check."""
 
 
-def no_effect_warnings(mission: Mission, model: RobotModel, flavour: str, pfsm: Pfsm | None = None) -> Iterator[str]:
-    """A sentence for each part of a mission, a robot model or a PFSM that has no effect.
+def no_effect_warnings(
+    mission: Mission, model: RobotModel, flavour: str, software: Software | None = None
+) -> Iterator[str]:
+    """A sentence for each part of a mission, a robot model or control software that has no effect.
 
-    Without a PFSM, all conditions of the flavour are checked.
+    Without control software, all conditions of the flavour are checked.
     """
     yield from model_warnings(model)
-    if pfsm is None:
+    if software is None:
         places = [(flavour, module) for module in flavour_of(flavour).numbered("condition").values()]
     else:
-        places = [(place, one.module) for place, one in pfsm.nodes]
+        places = [(place, one.module) for place, one in software.nodes]
     for place, module in places:
         if module.needs_colours and not model.sees_colours:
             yield f"{place}: {module.name} never fires: robot {model.name} sees only how bright the ground is"
-    if pfsm is not None and (dead := dead_transitions(mission, model, pfsm)):
-        named = ", ".join(f"state {i}, transition {j} ({pfsm.states[i].transitions[j].condition})" for i, j in dead)
-        yield f"never fires on {mission.name}, whose robots see {seen_colours(mission, model)}: {named}"
+    if software is not None and (dead := _dead_places(mission, model, software)):
+        yield f"never fires on {mission.name}, whose robots see {seen_colours(mission, model)}: {', '.join(dead)}"
     yield from swarm_warnings(mission, model)
     yield from floor_warnings(mission, model, flavour_of(flavour).numbered("condition").values())
 
@@ -60,6 +62,15 @@ def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[s
         elif not can_fire(mission, model, condition, (1.0, 1.0)):
             dead.append(condition.name)
     return dead
+
+
+def _dead_places(mission: Mission, model: RobotModel, software: Software) -> list[str]:
+    """The conditions that never fire on the floor of a mission, behind their places."""
+    return [
+        f"{place} ({one.module.name})"
+        for place, one in software.nodes
+        if one.module.kind == "condition" and not can_fire(mission, model, one.module, one.parameters)
+    ]
 
 
 def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tuple[int, int]]:

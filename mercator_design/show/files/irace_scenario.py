@@ -14,6 +14,7 @@ from pathlib import Path
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.missions.plugins import loaded_plugins
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.race.irace import scenario_text
 from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.system.files import write_bytes, writing
@@ -24,7 +25,7 @@ _RUNNER = """\
 seed=$3 mission=$4
 shift 4
 cd "$(dirname "$0")" || exit
-exec {python} -m mercator_design evaluate --cost --fsm-config "$*" --flavour {flavour} \\
+exec {python} -m mercator_design evaluate --cost --fsm-config "$*" --flavour {flavour}{form} \\
   --mission "$mission" --instance "$seed" --jobs 1{plugins}
 """
 
@@ -50,7 +51,8 @@ def write_irace_scenario(folder: Path, designer: Designer, *, jobs: int) -> None
         "seed": designer.optimizer.seed,
         "parallel": jobs,
     }
-    runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, plugins=plugins)
+    form = " --lenient" * (flavour_of(designer.flavour).architecture == "tree")  # switches have the form of 2018
+    runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, form=form, plugins=plugins)
     texts = {
         "scenario.txt": f"# {designer.name}, for irace 4.4 or mdesign tune\n{scenario_text.to_text(settings)}",
         "parameters.txt": parameters_text(designer.optimizer.space),

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, SENSES
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, FAILURE_CALLS, SENSES
 from mercator_design.modules.reference import Readings, ReferenceModel
 
 
@@ -49,8 +49,12 @@ def read_by(module, call):
 
 @pytest.mark.parametrize("module", BEHAVIOURS.values(), ids=lambda module: module.name)
 def test_a_behaviour_reads_what_it_declares(module):
+    """By itself or, in a tree, to tell whether it fails."""
+
     def call(function, model, readings, parameters, rng):
         function(model, readings, [0.0] * 4, rng.random(), *parameters)
+        if module.failure >= 0:
+            FAILURE_CALLS[module.failure](model, readings, parameters, [0.0])
 
     assert read_by(module, call) == module.reads
 

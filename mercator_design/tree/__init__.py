@@ -11,6 +11,6 @@ Plain Python on the standard library, as it runs on the robot; the simulator com
 """
 
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 
-__all__ = ["Node", "Tree", "action", "condition", "parse", "to_text"]
+__all__ = ["Tree", "TreeNode", "action", "condition", "parse", "to_text"]

@@ -11,7 +11,7 @@ from mercator_design.tree.control import ticked_from, tree_cycle
 from mercator_design.tree.space.grammar import Branch, from_tree, modules_of, parameters_of, to_tree, tree_of
 from mercator_design.tree.space.structure import TreeStructure
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import Node, Program, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, TreeProgram, action, condition
 from mercator_design.tree.words.explain import explanation
 
 
@@ -52,7 +52,7 @@ def _reason(tree: Tree, model: ReferenceModel, active: int, readings: Readings, 
     acting, succeeded = ticked_from(tree, model, active, readings, draws)
     if acting == active:
         return ""
-    nodes: list[Node] = [node for _, node in tree.preorder]
+    nodes: list[TreeNode] = [node for _, node in tree.preorder]
     tested = [nodes[k].name for k in succeeded if nodes[k].kind == "condition"]
     return tested[-1] if tested else nodes[active].name or "begin"
 
@@ -61,7 +61,7 @@ TREE = Architecture(
     name="tree",
     noun="behaviour tree",
     kind=Tree,
-    program=Program,
+    program=TreeProgram,
     cycle=tree_cycle,
     parse=parse,
     text=to_text,

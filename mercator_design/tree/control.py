@@ -18,8 +18,8 @@ from mercator_design.tree.tree import (
     SELECTOR_STAR,
     SEQUENCE,
     SEQUENCE_STAR,
-    Program,
     Tree,
+    TreeProgram,
 )
 
 ACTING, STATUSES = 0, 1
@@ -32,7 +32,7 @@ NOT_TICKED, RUNNING, SUCCESS, FAILURE = 0.0, 1.0, 2.0, 3.0
 
 @jittable
 def tree_cycle(
-    model: ReferenceModel, program: Program, readings: Readings, memory: MutableRow, draws: Row, actions: MutableRow
+    model: ReferenceModel, program: TreeProgram, readings: Readings, memory: MutableRow, draws: Row, actions: MutableRow
 ) -> None:
     """Tick the root; where it succeeds or fails, the robot stands still in this cycle.
 
@@ -44,7 +44,7 @@ def tree_cycle(
         model: Constants.
         program: Tables of the tree.
         readings: What the robot perceives.
-        memory: (Program.memory,) changed in place; all zeros at the start of a run.
+        memory: (TreeProgram.memory,) changed in place; all zeros at the start of a run.
         draws: (Tree.draws,) uniform in [0, 1).
         actions: (ACTIONS,) filled with Actions; an LED colour that is not set stays.
     """
@@ -101,7 +101,7 @@ def _ended(model: ReferenceModel, kind: int, status: float) -> float:
 @jittable
 def _leaf(
     model: ReferenceModel,
-    program: Program,
+    program: TreeProgram,
     readings: Readings,
     memory: MutableRow,
     draws: Row,

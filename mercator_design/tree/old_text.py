@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import Flavour, flavour_of
 from mercator_design.modules.tokens import FlagReader, flags_of, tokens_of
-from mercator_design.tree.tree import DEFAULT_FLAVOUR, MAX_CHILDREN, Node, Tree, action, condition
+from mercator_design.tree.tree import DEFAULT_FLAVOUR, MAX_CHILDREN, Tree, TreeNode, action, condition
 
 
 def is_old(tokens: Sequence[str]) -> bool:
@@ -44,9 +44,9 @@ class _OldReader(FlagReader):
         branches = tuple(self._branch(i) for i in range(n))
         if flag := self.peek():
             raise FsmError(f"{flag} is not expected here: --nchildsroot {n} ends with branch {n - 1}")
-        return Tree(Node("sequence*", branches), self.flavour.name)
+        return Tree(TreeNode("sequence*", branches), self.flavour.name)
 
-    def _branch(self, i: int) -> Node:
+    def _branch(self, i: int) -> TreeNode:
         place = f"branch {i}"
         self.integer(f"--n{i}", f"the kind of {place}", 0, 0)
         n = self.integer(f"--nc{i}", f"the number of conditions of {place}", 1, MAX_CHILDREN - 1)
@@ -54,9 +54,9 @@ class _OldReader(FlagReader):
         flag, what = f"--a{i}", f"the action of {place}"
         module = self.known(flag, self.value(flag, what), what, self._behaviours)
         given = self.gather({f"--{each}{i}" for each in self._of_actions})
-        return Node("selector", (*conditions, action(module.name, *self.values(place, module, given, f"{i}"))))
+        return TreeNode("selector", (*conditions, action(module.name, *self.values(place, module, given, f"{i}"))))
 
-    def _condition(self, index: str, place: str) -> Node:
+    def _condition(self, index: str, place: str) -> TreeNode:
         flag = f"--c{index}"
         module = self.known(flag, self.value(flag, place), place, self._conditions)
         given = self.gather({f"--{each}{index}" for each in self._of_conditions})

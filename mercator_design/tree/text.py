@@ -34,8 +34,8 @@ from mercator_design.tree.tree import (
     MAX_DEPTH,
     NEGATION,
     SUCCESS,
-    Node,
     Tree,
+    TreeNode,
     place_of,
 )
 
@@ -152,7 +152,7 @@ class _TokenReader(FlagReader):
             raise FsmError(f"{flag} is not expected here: --nchildroot {len(root.children)} ends before it")
         return Tree(root, self.flavour.name, any_domain=self.any_domain)
 
-    def _node(self, identifier: str) -> Node:
+    def _node(self, identifier: str) -> TreeNode:
         place, index = place_of(identifier), identifier or "root"
         if len(identifier) > MAX_DEPTH:
             raise FsmError(f"{place}: expected an identifier of at most {MAX_DEPTH} digits: a tree has no more levels")
@@ -160,7 +160,7 @@ class _TokenReader(FlagReader):
         if kind < ACTION:
             low, high = (1, 1) if kind == NEGATION else (0, _MAX_ORIGINAL) if self.any_domain else (1, MAX_CHILDREN)
             n = self.integer(f"--nchild{index}", f"the number of children of {place}, a {KINDS[kind]}", low, high)
-            return Node(KINDS[kind], tuple(self._node(f"{identifier}{i}") for i in range(n)))
+            return TreeNode(KINDS[kind], tuple(self._node(f"{identifier}{i}") for i in range(n)))
         letter, what = ("a", "behaviour") if kind == ACTION else ("c", "condition")
         flag, what = f"--{letter}{index}", f"the {what} of {place}"
         module = self.known(flag, self.value(flag, what), what, self._known[kind])
@@ -169,7 +169,7 @@ class _TokenReader(FlagReader):
         if kind == ACTION:
             flag = f"--{SUCCESS.flag}{index}"
             p = self.number(place, flag, given.pop(flag, None), module.name, SUCCESS)
-        return Node(KINDS[kind], (), module.name, self.values(place, module, given, index), p)
+        return TreeNode(KINDS[kind], (), module.name, self.values(place, module, given, index), p)
 
     def _kind(self, flag: str, what: str, n: int) -> int:
         value = self.value(flag, what)

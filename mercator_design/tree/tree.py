@@ -26,7 +26,7 @@ SUCCESS = ModuleParameter(name="p", flag="p", stem="P", low=0, high=1)
 """The parameter of an action: probability that it succeeds instead of acting, in each cycle in which it is ticked."""
 
 
-class Node(NamedTuple):
+class TreeNode(NamedTuple):
     """A node with its subtree.
 
     kind: One of KINDS.
@@ -37,7 +37,7 @@ class Node(NamedTuple):
     """
 
     kind: str
-    children: tuple["Node", ...] = ()
+    children: tuple["TreeNode", ...] = ()
     name: str = ""
     parameters: tuple[float, ...] = ()
     p: float = 0.0
@@ -53,17 +53,17 @@ class Node(NamedTuple):
         return (BEHAVIOURS if self.kind == "action" else CONDITIONS)[self.name]
 
 
-def action(name: str, *parameters: float, p: float = 0.0) -> Node:
+def action(name: str, *parameters: float, p: float = 0.0) -> TreeNode:
     """A leaf that acts."""
-    return Node("action", (), name, parameters, p)
+    return TreeNode("action", (), name, parameters, p)
 
 
-def condition(name: str, *parameters: float) -> Node:
+def condition(name: str, *parameters: float) -> TreeNode:
     """A leaf that is tested."""
-    return Node("condition", (), name, parameters)
+    return TreeNode("condition", (), name, parameters)
 
 
-class Program(NamedTuple):
+class TreeProgram(NamedTuple):
     """A tree as tables of numbers: tuples here, numpy arrays of the same length in compiled code.
 
     Nodes are numbered in preorder: the root is 0, the first child of node k is k + 1. The memory begins with the number
@@ -97,7 +97,7 @@ class Tree:
             children or too many, and a parameter outside its domain.
     """
 
-    root: Node
+    root: TreeNode
     flavour: str = DEFAULT_FLAVOUR
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
@@ -117,7 +117,7 @@ class Tree:
             seen.add(identifier)
             self._check(place, node)
 
-    def _check(self, place: str, node: Node) -> None:
+    def _check(self, place: str, node: TreeNode) -> None:
         if node.kind not in KINDS:
             raise FsmError(f"{place}: expected one of {', '.join(KINDS)}, found {node.kind!r}")
         if node.is_leaf:
@@ -131,7 +131,7 @@ class Tree:
         if node.name or node.parameters or node.p:
             raise FsmError(f"{place}: a {node.kind} has no behaviour, condition or parameters")
 
-    def _check_leaf(self, place: str, node: Node) -> None:
+    def _check_leaf(self, place: str, node: TreeNode) -> None:
         kind = "behaviour" if node.kind == "action" else "condition"
         known = flavour_of(self.flavour).numbers_of(kind)
         if node.name not in known:
@@ -166,12 +166,12 @@ class Tree:
         return frozenset().union(*(node.module.reads for _, node in self.nodes))
 
     @property
-    def preorder(self) -> Iterator[tuple[str, Node]]:
+    def preorder(self) -> Iterator[tuple[str, TreeNode]]:
         """Every node, each before its children, behind its identifier: the numbers of children from the root down."""
         return identified(self.root)
 
     @property
-    def nodes(self) -> Iterator[tuple[str, Node]]:
+    def nodes(self) -> Iterator[tuple[str, TreeNode]]:
         """The actions and conditions in preorder, behind their places in words."""
         for identifier, node in self.preorder:
             if node.is_leaf:
@@ -192,7 +192,7 @@ class Tree:
         """Uniform draws of a cycle: one for each node, and one for the behaviour that acts."""
         return sum(1 for _ in self.preorder) + 1
 
-    def program(self) -> Program:
+    def program(self) -> TreeProgram:
         """The tables that `control_cycle` runs on."""
         nodes = [node for _, node in self.preorder]
         n = len(nodes)
@@ -201,7 +201,7 @@ class Tree:
         parents, ends = self.links
         values = [(*node.parameters, node.p) if node.kind == "action" else node.parameters for node in nodes]
         modules = [node.module if node.is_leaf else None for node in nodes]
-        return Program(
+        return TreeProgram(
             kinds=tuple(KINDS.index(node.kind) for node in nodes),
             parents=parents,
             ends=ends,
@@ -215,7 +215,7 @@ class Tree:
         )
 
 
-def identified(root: Node) -> Iterator[tuple[str, Node]]:
+def identified(root: TreeNode) -> Iterator[tuple[str, TreeNode]]:
     """The nodes of a subtree in preorder, behind their identifiers below it; not those below the deepest level."""
     waiting = [("", root)]
     while waiting:
@@ -238,11 +238,11 @@ def place_of(identifier: str) -> str:
     return f"node {identifier}" if identifier else "the root"
 
 
-def _own_memory(node: Node) -> int:
+def _own_memory(node: TreeNode) -> int:
     if node.is_leaf:
         return node.module.memory
     return 1 if node.kind.endswith("*") else 0  # the child that a starred node begins with
 
 
-def _size(node: Node) -> int:
+def _size(node: TreeNode) -> int:
     return sum(1 for _ in identified(node))

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.tree.space.grammar import Branch, limits_of, modules_of, tree_of
-from mercator_design.tree.tree import Node, Tree
+from mercator_design.tree.tree import Tree, TreeNode
 from tests.fsm.strategies import values
 
 INNER = ["selector", "selector*", "sequence", "sequence*"]
@@ -16,8 +16,8 @@ def leaves(draw, flavour="maple"):
     module = draw(st.sampled_from([*flavour_of(flavour).numbered(kind).values()]))
     parameters = tuple(map(float, draw(values(module))))
     if kind == "condition":
-        return Node("condition", (), module.name, parameters)
-    return Node("action", (), module.name, parameters, draw(st.sampled_from([0.0, 1.0]) | st.floats(0, 1)))
+        return TreeNode("condition", (), module.name, parameters)
+    return TreeNode("action", (), module.name, parameters, draw(st.sampled_from([0.0, 1.0]) | st.floats(0, 1)))
 
 
 @st.composite
@@ -31,7 +31,7 @@ def nodes(draw, depth=3):
 def inner_nodes(draw, depth=3):
     kind = draw(st.sampled_from([*INNER, "negation"]))
     n = 1 if kind == "negation" else draw(st.integers(1, 3))
-    return Node(kind, tuple(draw(nodes(depth - 1)) for _ in range(n)))
+    return TreeNode(kind, tuple(draw(nodes(depth - 1)) for _ in range(n)))
 
 
 def trees():
@@ -47,7 +47,7 @@ def designed_trees(draw, flavour="maple"):
 
     def leaf(kind, modules):
         module = draw(st.sampled_from([*modules.values()]))
-        return Node(kind, (), module.name, tuple(map(float, draw(values(module)))))
+        return TreeNode(kind, (), module.name, tuple(map(float, draw(values(module)))))
 
     branches = []
     for _ in range(draw(st.integers(1, max_branches))):

@@ -6,7 +6,7 @@ from mercator_design.modules.perception import new_row
 from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.tree.control import ACTING, FAILURE, NOT_TICKED, RUNNING, STATUSES, SUCCESS, tree_cycle
 from mercator_design.tree.text import parse
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 
 NEVER, ALWAYS = 0.999999, 0.0
 """Draws with which no probability below 1 holds, and with which all above 0 do."""
@@ -22,7 +22,7 @@ class Robot:
     """A tree with its memory."""
 
     def __init__(self, root, **constants):
-        self.tree = Tree(root) if isinstance(root, Node) else parse(root)
+        self.tree = Tree(root) if isinstance(root, TreeNode) else parse(root)
         self.model = ReferenceModel()._replace(**constants)
         self.program = self.tree.program()
         self.memory = new_row(self.program.memory)
@@ -83,7 +83,7 @@ def expected(kind, statuses, *, slip):
 )
 def test_status_of_a_node_from_its_children(kind, statuses, slip):
     statuses = statuses[:1] if kind == "negation" else statuses
-    robot = Robot(Node(kind, tuple(LEAVES[each] for each in statuses)), starred_selector_succeeds=float(slip))
+    robot = Robot(TreeNode(kind, tuple(LEAVES[each] for each in statuses)), starred_selector_succeeds=float(slip))
     robot.cycle(u=0.5)
     status, n = expected(kind, statuses, slip=slip)
     assert robot.status == status
@@ -94,7 +94,7 @@ def test_status_of_a_node_from_its_children(kind, statuses, slip):
 def test_a_starred_node_begins_with_the_child_that_was_running():
     """Plain nodes begin with the first."""
     children = (condition("black floor", 1.0), STOP)
-    robot, plain = (Robot(Node(kind, children)) for kind in ("sequence*", "sequence"))
+    robot, plain = (Robot(TreeNode(kind, children)) for kind in ("sequence*", "sequence"))
     for one in (robot, plain):
         one.cycle(BLACK)
         assert one.ticked == ["", "0", "1"]
@@ -104,8 +104,8 @@ def test_a_starred_node_begins_with_the_child_that_was_running():
 
 
 def test_a_starred_node_keeps_its_child_while_it_is_not_ticked():
-    first = Node("sequence", (condition("white floor", 1.0), action("exploration", 1.0)))
-    robot = Robot(Node("selector", (first, Node("sequence*", (condition("black floor", 1.0), STOP)))))
+    first = TreeNode("sequence", (condition("white floor", 1.0), action("exploration", 1.0)))
+    robot = Robot(TreeNode("selector", (first, TreeNode("sequence*", (condition("black floor", 1.0), STOP)))))
     assert robot.cycle(BLACK) == (0, 0)
     for _ in range(50):
         assert robot.cycle(WHITE) == (1, 1)
@@ -116,7 +116,7 @@ def test_a_starred_node_keeps_its_child_while_it_is_not_ticked():
 
 @pytest.mark.parametrize("ends", [SUCCEEDS, FAILS])
 def test_a_starred_node_begins_anew_after_it_ended(ends):
-    robot = Robot(Node("sequence*", (SUCCEEDS, action("stop", p=0.5), ends)))
+    robot = Robot(TreeNode("sequence*", (SUCCEEDS, action("stop", p=0.5), ends)))
     robot.cycle(u=0.9)
     assert robot.ticked == ["", "0", "1"]
     robot.cycle(u=0.1)
@@ -126,7 +126,7 @@ def test_a_starred_node_begins_anew_after_it_ended(ends):
 
 
 def test_a_robot_stands_still_where_the_root_ends_and_nothing_is_ticked_twice():
-    robot = Robot(Node("selector", (action("exploration", 5.0, p=0.5),)))
+    robot = Robot(TreeNode("selector", (action("exploration", 5.0, p=0.5),)))
     assert robot.cycle(u=0.9) == (1, 1)
     assert robot.memory[ACTING] == 1
     assert robot.cycle(u=0.1) == (0, 0)
@@ -134,7 +134,7 @@ def test_a_robot_stands_still_where_the_root_ends_and_nothing_is_ticked_twice():
 
 
 def test_lamps_keep_their_colour_and_no_signal_is_sent_where_nothing_acts():
-    robot = Robot(Node("selector", (ENDS,)))
+    robot = Robot(TreeNode("selector", (ENDS,)))
     robot.actions[2], robot.actions[3] = 5.0, 3.0
     robot.cycle(u=0.5)
     assert list(robot.actions[:4]) == [0, 0, 5, 0]
@@ -142,23 +142,23 @@ def test_lamps_keep_their_colour_and_no_signal_is_sent_where_nothing_acts():
 
 @pytest.mark.parametrize(("p", "u", "status"), [(0.0, 0.0, RUNNING), (1.0, NEVER, SUCCESS), (0.5, 0.5, RUNNING)])
 def test_p_of_an_action(p, u, status):
-    robot = Robot(Node("selector", (action("stop", p=p),)))
+    robot = Robot(TreeNode("selector", (action("stop", p=p),)))
     robot.cycle(u=u)
     assert robot.status == status
 
 
 def test_straight_fails_before_an_obstacle_even_where_it_would_succeed():
-    robot = Robot(Node("sequence", (action("straight", p=1.0),)))
+    robot = Robot(TreeNode("sequence", (action("straight", p=1.0),)))
     assert robot.cycle(AHEAD) == (0, 0)
     assert robot.status == FAILURE
     robot.cycle(Readings(proximity_x=-0.9))
     assert robot.status == SUCCESS
-    assert Robot(Node("sequence", (action("straight"),))).cycle(Readings(proximity_x=0.09)) == (1, 1)
+    assert Robot(TreeNode("sequence", (action("straight"),))).cycle(Readings(proximity_x=0.09)) == (1, 1)
 
 
 def test_exploration_goes_on_with_a_turn_that_was_interrupted():
-    first = Node("sequence", (condition("white floor", 1.0), STOP))
-    robot = Robot(Node("selector", (first, action("exploration", 10.0))))
+    first = TreeNode("sequence", (condition("white floor", 1.0), STOP))
+    robot = Robot(TreeNode("selector", (first, action("exploration", 10.0))))
     assert robot.cycle(AHEAD._replace(ground_red=127.0, ground_green=127.0, ground_blue=127.0), acting=0.35) == (1, 1)
     turned = [robot.cycle(GRAY)]
     assert robot.cycle(WHITE) == (0, 0)
@@ -168,14 +168,14 @@ def test_exploration_goes_on_with_a_turn_that_was_interrupted():
 
 def test_nodes_of_one_behaviour_have_memories_of_their_own():
     exploring = action("exploration", 100.0)
-    robot = Robot(Node("selector", (Node("sequence", (condition("white floor", 1.0), exploring)), exploring)))
+    robot = Robot(TreeNode("selector", (TreeNode("sequence", (condition("white floor", 1.0), exploring)), exploring)))
     robot.cycle(AHEAD, acting=0.9)  # white: the first begins to turn
     assert robot.cycle(GRAY) == (1, 1)
     assert robot.cycle(WHITE) == (1, -1)
 
 
 def test_curve_keeps_its_side_until_it_has_ended():
-    robot = Robot(Node("selector", (action("curve", 0.53, p=0.1),)))
+    robot = Robot(TreeNode("selector", (action("curve", 0.53, p=0.1),)))
     right, left = (1, 0.5), (0.5, 1)
     assert robot.cycle(acting=0.9) == right  # from the start, whatever is drawn
     assert robot.cycle(acting=0.9) == right
@@ -191,7 +191,7 @@ def test_curve_keeps_its_side_until_it_has_ended():
     [(0.0, 0.0, (-1, 1)), (0.5, 0.0, (-1, 1)), (0.5, 0.1, (1, -1)), (-0.5, 0.0, (1, -1)), (-0.5, -0.1, (-1, 1))],
 )
 def test_rotation_turns_away_from_the_angle_of_the_proximity_vector(x, y, wheels):
-    robot = Robot(Node("selector", (action("rotation"),)))
+    robot = Robot(TreeNode("selector", (action("rotation"),)))
     assert robot.cycle(Readings(proximity_x=x, proximity_y=y)) == wheels
 
 
@@ -210,7 +210,7 @@ def test_rotation_turns_away_from_the_angle_of_the_proximity_vector(x, y, wheels
     ],
 )
 def test_conditions_that_only_trees_have(name, parameters, readings, holds):
-    robot = Robot(Node("sequence", (condition(name, *parameters),)))
+    robot = Robot(TreeNode("sequence", (condition(name, *parameters),)))
     for u in (0.0, 0.49):
         robot.cycle(readings, u)
         assert robot.status == (SUCCESS if holds else FAILURE)
@@ -219,6 +219,6 @@ def test_conditions_that_only_trees_have(name, parameters, readings, holds):
 
 
 def test_a_tree_senses_what_any_of_its_leaves_reads():
-    tree = Robot(Node("selector", (condition("black floor", 0.5), action("attraction", 2.0)))).tree
+    tree = Robot(TreeNode("selector", (condition("black floor", 0.5), action("attraction", 2.0)))).tree
     assert tree.reads == {"ground", "neighbours", "proximity"}
     assert len({*tree.program().reads}) == 1

@@ -12,7 +12,7 @@ from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.space.grammar import branches_of, from_tree, parameters_of, shape_of, to_tree, tree_of
 from mercator_design.tree.space.structure import TreeStructure, canonical
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 from tests.tree.maple import DATA
 from tests.tree.strategies import designed_trees, trees
 
@@ -22,7 +22,7 @@ BLACK, GRAY, NEVER = condition("black floor", 0.5), condition("gray floor", 0.5)
 
 
 def tree(*branches):
-    return Tree(Node("sequence*", tuple(Node("selector", branch) for branch in branches)))
+    return Tree(TreeNode("sequence*", tuple(TreeNode("selector", branch) for branch in branches)))
 
 
 def test_the_published_space_has_41_parameters_and_with_two_conditions_69(own_flavour):
@@ -86,7 +86,10 @@ def test_switches_and_values_are_a_text_of_2018(branches, conditions, own_flavou
 @pytest.mark.parametrize(
     ("found", "message"),
     [
-        (Tree(Node("sequence", (Node("selector", (BLACK, STOP)),))), "the root: maple designs a sequence. of branches"),
+        (
+            Tree(TreeNode("sequence", (TreeNode("selector", (BLACK, STOP)),))),
+            "the root: maple designs a sequence. of branches",
+        ),
         (tree((BLACK, action("stop", p=0.5))), "the root: maple designs .* p = 0; this tree has another shape"),
         (tree((STOP, BLACK)), "the root: maple designs"),
         (tree((STOP,)), "the root: maple designs"),

@@ -8,7 +8,7 @@ from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 from tests.tree.maple import DATA
 
 TEXT = (
@@ -16,11 +16,11 @@ TEXT = (
     "--n1 0 --nchild1 2 --n10 6 --c10 3 --p10 3 --w10 2.5 --n11 5 --a11 4 --att11 2 --p11 0.25"
 )
 TREE = Tree(
-    Node(
+    TreeNode(
         "sequence*",
         (
-            Node("selector", (condition("black floor", 0.5), action("exploration", 5.0))),
-            Node("selector", (condition("neighbours count", 3.0, 2.5), action("attraction", 2.0, p=0.25))),
+            TreeNode("selector", (condition("black floor", 0.5), action("exploration", 5.0))),
+            TreeNode("selector", (condition("neighbours count", 3.0, 2.5), action("attraction", 2.0, p=0.25))),
         ),
     )
 )

@@ -11,7 +11,7 @@ from mercator_design.modules.perception import new_row
 from mercator_design.modules.reference import ACTIONS, ReferenceModel
 from mercator_design.tree.control import tree_cycle
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import MAX_DEPTH, Node, Tree, action, condition
+from mercator_design.tree.tree import MAX_DEPTH, Tree, TreeNode, action, condition
 from tests.fsm.strategies import DRAW, READINGS
 from tests.tree.strategies import trees
 from tests.tree.test_vectors import arrays, fast_cycle
@@ -23,7 +23,7 @@ def chain(depth):
     """A leaf that many levels below the root."""
     node = STOP
     for _ in range(depth):
-        node = Node("selector", (node,))
+        node = TreeNode("selector", (node,))
     return node
 
 
@@ -31,23 +31,29 @@ def chain(depth):
     ("root", "message"),
     [
         (STOP, "the root: expected one of selector, .*, negation, found 'action'"),
-        (Node("parallel", (STOP,)), "the root: expected one of selector, .*, found 'parallel'"),
-        (Node("selector"), "the root: a selector has 1 to 10 children, found 0"),
-        (Node("sequence", (STOP,) * 11), "the root: a sequence has 1 to 10 children, found 11"),
-        (Node("selector", (STOP, Node("negation", (STOP, STOP)))), "node 1: a negation has one child, found 2"),
-        (Node("selector", (Node("selector", (action("jump"),)),)), "node 00: maple has no behaviour 'jump'; it has"),
-        (Node("selector", (condition("stop"),)), "node 0: maple has no condition 'stop'; it has black floor"),
-        (Node("selector", (STOP._replace(children=(STOP,)),)), "node 0: expected no children of action stop, found 1"),
-        (Node("selector", (action("exploration"),)), "node 0: exploration takes 1 parameters, found 0"),
-        (Node("selector", (action("stop", 1.0),)), "node 0: stop takes 0 parameters, found 1"),
+        (TreeNode("parallel", (STOP,)), "the root: expected one of selector, .*, found 'parallel'"),
+        (TreeNode("selector"), "the root: a selector has 1 to 10 children, found 0"),
+        (TreeNode("sequence", (STOP,) * 11), "the root: a sequence has 1 to 10 children, found 11"),
+        (TreeNode("selector", (STOP, TreeNode("negation", (STOP, STOP)))), "node 1: a negation has one child, found 2"),
         (
-            Node("selector", (action("attraction", 9.0),)),
+            TreeNode("selector", (TreeNode("selector", (action("jump"),)),)),
+            "node 00: maple has no behaviour 'jump'; it has",
+        ),
+        (TreeNode("selector", (condition("stop"),)), "node 0: maple has no condition 'stop'; it has black floor"),
+        (
+            TreeNode("selector", (STOP._replace(children=(STOP,)),)),
+            "node 0: expected no children of action stop, found 1",
+        ),
+        (TreeNode("selector", (action("exploration"),)), "node 0: exploration takes 1 parameters, found 0"),
+        (TreeNode("selector", (action("stop", 1.0),)), "node 0: stop takes 0 parameters, found 1"),
+        (
+            TreeNode("selector", (action("attraction", 9.0),)),
             "node 0: parameter alpha of attraction must be a number from 1",
         ),
-        (Node("selector", (action("attraction", float("nan")),)), "node 0: parameter alpha .* found nan"),
-        (Node("selector", (action("stop", p=1.5),)), "node 0: parameter p of stop must be a number from 0 to 1"),
-        (Node("selector", (condition("black floor", 0.5)._replace(p=0.5),)), "node 0: only an action has a probab"),
-        (Node("selector", (STOP,), "stop"), "the root: a selector has no behaviour, condition or parameters"),
+        (TreeNode("selector", (action("attraction", float("nan")),)), "node 0: parameter alpha .* found nan"),
+        (TreeNode("selector", (action("stop", p=1.5),)), "node 0: parameter p of stop must be a number from 0 to 1"),
+        (TreeNode("selector", (condition("black floor", 0.5)._replace(p=0.5),)), "node 0: only an action has a probab"),
+        (TreeNode("selector", (STOP,), "stop"), "the root: a selector has no behaviour, condition or parameters"),
         (chain(MAX_DEPTH + 1), "node 000000: expected at most 5 levels below the root"),
         (chain(5000), "node 000000: expected at most 5 levels below the root"),
     ],
@@ -59,7 +65,7 @@ def test_invalid_trees_are_refused(root, message):
 
 def test_the_deepest_and_widest_trees_are_valid():
     assert len(to_text(Tree(chain(MAX_DEPTH))).split("--n00000 ")) == 2
-    assert Tree(Node("selector", (STOP,) * 10)).draws == 12
+    assert Tree(TreeNode("selector", (STOP,) * 10)).draws == 12
 
 
 @given(trees())
@@ -71,12 +77,12 @@ def test_trees_are_values(tree):
 
 
 def test_summary():
-    tree = Tree(Node("selector", (condition("black floor", 0.5), STOP, action("exploration", 5.0))))
+    tree = Tree(TreeNode("selector", (condition("black floor", 0.5), STOP, action("exploration", 5.0))))
     assert tree.summary == "maple, 4 nodes (actions: stop, exploration), 1 condition"
 
 
 def test_nodes_are_the_modules_with_their_places():
-    tree = Tree(Node("selector", (condition("black floor", 0.5), Node("negation", (STOP,)))))
+    tree = Tree(TreeNode("selector", (condition("black floor", 0.5), TreeNode("negation", (STOP,)))))
     assert [(place, node.module.name) for place, node in tree.nodes] == [("node 0", "black floor"), ("node 10", "stop")]
 
 

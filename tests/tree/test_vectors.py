@@ -11,7 +11,7 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.tree.control import ACTING, FAILURE, RUNNING, STATUSES, SUCCESS, tree_cycle
 from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.text import parse, to_text
-from mercator_design.tree.tree import Program
+from mercator_design.tree.tree import TreeProgram
 from tests.tree.maple import DATA
 
 STATUS_NAMES = {RUNNING: "running", SUCCESS: "success", FAILURE: "failure"}
@@ -54,7 +54,7 @@ def fast_cycle(model, program, readings, memory, draws, actions):
 
 def arrays(program):
     kinds = {"parameters": np.float64}
-    return Program(*(np.array(row, kinds.get(name, np.int64)) for name, row in program._asdict().items()))
+    return TreeProgram(*(np.array(row, kinds.get(name, np.int64)) for name, row in program._asdict().items()))
 
 
 @pytest.mark.together("parity")

@@ -5,7 +5,7 @@ from hypothesis import given
 
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.tree.text import parse
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 from mercator_design.tree.words.difference import difference
 from mercator_design.tree.words.explain import explanation
 from tests.tree.maple import DATA
@@ -44,7 +44,7 @@ Branch 1: attraction (alpha 2)
 
 
 def test_another_tree_is_explained_node_by_node():
-    tree = Tree(Node("selector*", (Node("negation", (condition("light", 1.0),)), action("straight", p=0.25))))
+    tree = Tree(TreeNode("selector*", (TreeNode("negation", (condition("light", 1.0),)), action("straight", p=0.25))))
     words = explanation(tree, KnownSwarm(cycle=0.1))
     assert words.splitlines()[3:] == [
         "",
@@ -68,7 +68,7 @@ def test_words_know_the_slips_of_published_flavours():
     assert "but never with more than 3: 0.1 % with none, 8 % with 2, 50 % with 3 and nearly 0 % with 4" in (
         explanation(published, SWARM)
     )
-    failing = Node("selector*", (condition("light", 1.0), condition("light", 1.0)))
+    failing = TreeNode("selector*", (condition("light", 1.0), condition("light", 1.0)))
     assert "fails if all fail" in explanation(Tree(failing), SWARM)
     assert "succeeds if all fail" in explanation(Tree(failing, "maple-epuck"), SWARM)
 
@@ -109,7 +109,7 @@ STOP, BLACK = action("stop"), condition("black floor", 0.5)
         ),
         (
             (BLACK, STOP),
-            (BLACK, Node("negation", (BLACK,)), STOP),
+            (BLACK, TreeNode("negation", (BLACK,)), STOP),
             "different",
             ["node 0: new child 1: negation of (condition black floor (beta 0.5 per cycle))"],
         ),
@@ -125,7 +125,7 @@ STOP, BLACK = action("stop"), condition("black floor", 0.5)
     ],
 )
 def test_difference(old, new, kind, changes):
-    one, other = (Tree(Node("sequence*", (Node("selector", children),))) for children in (old, new))
+    one, other = (Tree(TreeNode("sequence*", (TreeNode("selector", children),))) for children in (old, new))
     found = difference(one, other)
     assert (found.kind, [*found.changes]) == (kind, changes)
 

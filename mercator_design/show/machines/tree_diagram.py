@@ -10,7 +10,7 @@ from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.modules.words import parameters_words
 from mercator_design.show.machines.layout import Extent, size_of
 from mercator_design.show.machines.parts import INKS, PAD, box, picture
-from mercator_design.tree.tree import Node, Tree, children_of
+from mercator_design.tree.tree import Tree, TreeNode, children_of
 
 SYMBOLS = {"selector": "?", "selector*": "?*", "sequence": "→", "sequence*": "→*", "negation": "¬"}
 """What pictures of behaviour trees usually have for inner nodes."""
@@ -63,7 +63,7 @@ def tree_svg(
     return picture(_title(nodes), _frame(placed.boxes), body, caption)
 
 
-def node_lines(node: Node) -> list[str]:
+def node_lines(node: TreeNode) -> list[str]:
     """The lines in a node's box: its kind; of a leaf its module, its parameters, and p if it is not 0."""
     if not node.is_leaf:
         return [f"{SYMBOLS[node.kind]} {node.kind}"]
@@ -71,7 +71,7 @@ def node_lines(node: Node) -> list[str]:
     return [node.name if node.kind == "action" else f"{node.name}?", *filter(None, [parameters, success_words(node)])]
 
 
-def success_words(node: Node) -> str:
+def success_words(node: TreeNode) -> str:
     """The probability that an action succeeds instead of acting; empty if it never does."""
     return f"p {node.p:g} per cycle" if node.p else ""
 
@@ -81,7 +81,7 @@ def acting_nodes(tree: Tree) -> list[int]:
     return [k for k, (_, node) in enumerate(tree.preorder) if node.kind == "action"]
 
 
-def _title(nodes: Sequence[Node]) -> str:
+def _title(nodes: Sequence[TreeNode]) -> str:
     n = len(nodes)
     return f"Behaviour tree of {n} node{'s' * (n != 1)}"
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from mercator_design.show.machines.notations import latex
 from mercator_design.show.machines.tree_diagram import SYMBOLS, node_lines
-from mercator_design.tree.tree import Node, Tree
+from mercator_design.tree.tree import Tree, TreeNode
 
 _SHAPES = {"action": "box", "condition": "ellipse"}
 
@@ -50,7 +50,7 @@ def tree_to_tikz(tree: Tree) -> str:
     return "\n".join([*lines, r"\end{forest}", r"\end{document}", ""])
 
 
-def _node_label(node: Node) -> list[str]:
+def _node_label(node: TreeNode) -> list[str]:
     return node_lines(node) if node.is_leaf else [SYMBOLS[node.kind]]
 
 

@@ -14,14 +14,14 @@ from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
 from mercator_design.modules.module import Module
-from mercator_design.tree.tree import Node, Tree, action, condition, place_of
+from mercator_design.tree.tree import Tree, TreeNode, action, condition, place_of
 
 
 class Branch(NamedTuple):
     """A child of the root: leaves that are conditions, and one that is an action."""
 
-    conditions: tuple[Node, ...]
-    action: Node
+    conditions: tuple[TreeNode, ...]
+    action: TreeNode
 
 
 class _BranchNames(NamedTuple):
@@ -82,8 +82,8 @@ def from_tree(tree: Tree) -> dict[str, Value]:
 
 def tree_of(branches: Sequence[Branch], flavour: str) -> Tree:
     """The tree of some branches."""
-    children = tuple(Node("selector", (*branch.conditions, branch.action)) for branch in branches)
-    return Tree(Node("sequence*", children), flavour)
+    children = tuple(TreeNode("selector", (*branch.conditions, branch.action)) for branch in branches)
+    return Tree(TreeNode("sequence*", children), flavour)
 
 
 def branches_of(tree: Tree) -> tuple[Branch, ...]:
@@ -173,7 +173,7 @@ def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]
 
 
 @functools.cache
-def never_of(flavour: str) -> Node | None:
+def never_of(flavour: str) -> TreeNode | None:
     """A condition that never holds: the last one whose probability may be 0; None if there is none."""
     for module in reversed([*modules_of(flavour)[1].values()]):
         if can_never_hold(module):

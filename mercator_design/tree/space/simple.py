@@ -3,7 +3,7 @@
 from mercator_design.modules.drawing import Draws, Kind, Usable, any_of, drawn_values, kinds_of
 from mercator_design.modules.module import Module
 from mercator_design.tree.space.grammar import Branch, limits_of, modules_of, never_of
-from mercator_design.tree.tree import Node, action, condition
+from mercator_design.tree.tree import TreeNode, action, condition
 
 
 def simple_trees(flavour: str, usable: Usable, draws: Draws) -> list[tuple[Branch, ...]]:
@@ -36,5 +36,5 @@ def simple_trees(flavour: str, usable: Usable, draws: Draws) -> list[tuple[Branc
     return [trees[k] for k in sorted(range(len(trees)), key=keys.__getitem__)]
 
 
-def _action(behaviour: Module, draws: Draws) -> Node:
+def _action(behaviour: Module, draws: Draws) -> TreeNode:
     return action(behaviour.name, *drawn_values(behaviour, draws))

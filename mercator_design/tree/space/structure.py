@@ -18,7 +18,7 @@ from mercator_design.tree.space.grammar import (
     tree_of,
 )
 from mercator_design.tree.space.simple import simple_trees
-from mercator_design.tree.tree import Node, Tree, action, condition
+from mercator_design.tree.tree import Tree, TreeNode, action, condition
 
 _ANOTHER_MOVE = 0.33
 """Probability of one more move after each."""
@@ -213,15 +213,15 @@ class _Branches:
         if i > 0 and not any(map(_may_hold, self.branches[i - 1].conditions)):
             self.branches[i - 1] = self.branches[i - 1]._replace(conditions=(self._condition(self._conditions),))
 
-    def _condition(self, some: Sequence[Module]) -> Node:
+    def _condition(self, some: Sequence[Module]) -> TreeNode:
         module = any_of(some, self._draws)
         return condition(module.name, *drawn_values(module, self._draws))
 
-    def _action(self, some: Sequence[Module]) -> Node:
+    def _action(self, some: Sequence[Module]) -> TreeNode:
         module = any_of(some, self._draws)
         return action(module.name, *drawn_values(module, self._draws))
 
-    def _put(self, i: int, j: int, node: Node) -> None:
+    def _put(self, i: int, j: int, node: TreeNode) -> None:
         branch = self.branches[i]
         if j == len(branch.conditions):
             self.branches[i] = branch._replace(action=node)
@@ -230,5 +230,5 @@ class _Branches:
             self.branches[i] = branch._replace(conditions=conditions)
 
 
-def _may_hold(node: Node) -> bool:
+def _may_hold(node: TreeNode) -> bool:
     return not can_never_hold(node.module) or node.parameters[0] > 0.0

@@ -7,7 +7,7 @@ from typing import Literal
 
 from mercator_design.modules.words import named_values, value_of
 from mercator_design.tree.space.structure import canonical
-from mercator_design.tree.tree import SUCCESS, Node, Tree, place_of
+from mercator_design.tree.tree import SUCCESS, Tree, TreeNode, place_of
 from mercator_design.tree.words.explain import node_words
 
 
@@ -34,7 +34,7 @@ def difference(one: Tree, other: Tree) -> TreeDifference:
     return TreeDifference(kind, (*flavour, *_changes("", one.root, other.root)))
 
 
-def _changes(identifier: str, old: Node, new: Node) -> Iterator[str]:
+def _changes(identifier: str, old: TreeNode, new: TreeNode) -> Iterator[str]:
     if old == new:
         return
     place = place_of(identifier)
@@ -63,7 +63,7 @@ def _changes(identifier: str, old: Node, new: Node) -> Iterator[str]:
             yield f"{place}: new child {k}: {_described(new.children[k])}"
 
 
-def _described(node: Node) -> str:
+def _described(node: TreeNode) -> str:
     """A node with its subtree in a line."""
     children = "; ".join(map(_described, node.children))
     return f"{node_words(node)}{f' of ({children})' if children else ''}"

@@ -6,7 +6,7 @@ from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words, with_parameters
 from mercator_design.tree.space.grammar import Branch, shape_of
-from mercator_design.tree.tree import Node, Tree
+from mercator_design.tree.tree import Tree, TreeNode
 
 _DOES = {
     "selector": "ticks its children from the first, until one does not fail; fails if all fail",
@@ -17,7 +17,7 @@ _DOES = {
 }
 
 
-def node_words(node: Node) -> str:
+def node_words(node: TreeNode) -> str:
     """A node in a line, without its children: its kind; of a leaf its module, with the parameters."""
     if not node.is_leaf:
         return node.kind
@@ -52,7 +52,7 @@ def _lines(tree: Tree, swarm: KnownSwarm) -> Iterator[str]:
     yield ""
 
 
-def _node_sentence(node: Node, swarm: KnownSwarm) -> str:
+def _node_sentence(node: TreeNode, swarm: KnownSwarm) -> str:
     if node.kind == "condition":
         return f"It succeeds {_holds(node, swarm)}; otherwise it fails."
     if node.kind == "action":
@@ -82,7 +82,7 @@ def _ring(branches: Sequence[Branch], swarm: KnownSwarm) -> Iterator[str]:
     yield ""
 
 
-def _holds(node: Node, swarm: KnownSwarm) -> str:
+def _holds(node: TreeNode, swarm: KnownSwarm) -> str:
     return module_words(node.module, node.parameters, swarm)
 
 

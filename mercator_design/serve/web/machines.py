@@ -32,7 +32,7 @@ _MAX_LISTED = 200
 @router.get("/fsm")
 def editor(service: TheService, user: TheUser, job: str = "", design: str = "") -> HTMLResponse:
     """Draw an FSM: `?job=ID` starts from its winner, `?design=ID` from a design."""
-    flavours = options((one, one) for one in flavour_names())
+    flavours = options((one, one) for one in flavour_names("pfsm"))
     share = '<label class="check"><input id="shared" type="checkbox"> Share it with all users</label>'
     share = "" if user.name == LOCAL.name else share
     offered = _offered(service, user, job, design)

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from mercator_design.fleet.deploy import Fleet, copy, stop
+from mercator_design.fleet.deploy import FSM, Fleet, copy, stop
 from mercator_design.fleet.ssh import RemoteRobot
 from mercator_design.fleet.start import start
 
@@ -73,7 +73,7 @@ def main() -> None:
                     home = folder / robot.host / robot.folder
                     home.mkdir(parents=True)
                     (home / "robot.yaml").write_text((folder / f"twin/{k}/robot.yaml").read_text())
-                for copied in copy(fleet, folder / "fsm.txt", 60.0):
+                for copied in copy(fleet, {FSM: (folder / "fsm.txt").read_bytes()}, 60.0):
                     if not copied.is_done:
                         sys.exit(copied.words)
                 for number in range(given.starts):

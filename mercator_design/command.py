@@ -4,22 +4,27 @@ Results go to stdout or named files, messages to stderr.
 """
 
 import contextlib
+import functools
 import importlib
 import io
 import math
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import click
 
 from mercator_design.config import spelling
+from mercator_design.config.shipped import is_path
 from mercator_design.errors import ITEM, FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
 from mercator_design.modules.flavour import load_flavour
-from mercator_design.software.files import FsmFile, read_fsm, read_fsms
+from mercator_design.plugins.loading import run_plugin
+from mercator_design.plugins.sources import read_plugin
+from mercator_design.software.files import FsmFile, read_fsm, read_fsms, read_header
+from mercator_design.software.needed import MODULES, plugins_in
 from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
@@ -27,24 +32,80 @@ _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 p
 FILE = click.Path(path_type=Path, readable=False)  # the reader of the file reports errors
 
 
-class FlavourName(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.2 on
-    """A flavour: a name, or a file, whose flavour then has its name."""
-
-    name = "flavour"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ANN401
-        try:
-            return load_flavour(str(value)).name
-        except MercatorError as error:
-            return self.fail(str(error), param, ctx)
+Verb = Callable[..., None]
 
 
-FLAVOUR = click.option(
+def beginning(load: Callable[[tuple[Path, ...], dict[str, Any]], None]) -> Callable[[Verb], Verb]:
+    """Let a verb begin with its plugins, which `load` runs, and then its flavour: a name, or a file, which has a name.
+
+    The flavour's modules may be those of the plugins, in whatever order the options are.
+    """
+
+    def begun(verb: Verb) -> Verb:
+        if hasattr(verb, "has_beginning"):  # by another of its options
+            return verb
+
+        @functools.wraps(verb)
+        def begin(*arguments: object, plugin: tuple[Path, ...] = (), **given: Any) -> None:  # noqa: ANN401 - the verb's
+            load(plugin, given)
+            if given.get("flavour") is not None:
+                given["flavour"] = _flavour_named(given["flavour"])
+            verb(*arguments, **given)
+
+        begin.has_beginning = True  # type: ignore[attr-defined]
+        return begin
+
+    return begun
+
+
+def _flavour_named(name_or_path: str) -> str:
+    """The name of a flavour that an option gives; an unknown name is a mistake of the command line."""
+    try:
+        return load_flavour(name_or_path).name
+    except MercatorError as error:
+        if is_path(name_or_path):
+            raise
+        raise click.BadParameter(str(error), param_hint="'--flavour'") from None
+
+
+def load_given(given: tuple[Path, ...], arguments: Mapping[str, Any]) -> None:
+    """Run plugins, which must not have changed since the control software of a verb's arguments was designed.
+
+    Raises:
+        MissionError, FsmError: One cannot be read or run, or has changed.
+    """
+    found = [(name, read_plugin(name)) for name in given]
+    for file in (value for value in arguments.values() if found and isinstance(value, Path) and value.is_file()):
+        header = read_header(file)
+        for name, plugin in found:
+            if {digest for known, digest in plugins_in(header.get(MODULES, "")) if known == plugin.name} - {
+                plugin.digest
+            }:
+                raise FsmError(f"{file}: {name} has changed since this was designed; it was not run")
+    for name, plugin in found:
+        run_plugin(plugin, str(name))
+
+
+PLUGIN_OPTION = click.option(
+    "--plugin",
+    multiple=True,
+    type=FILE,
+    metavar="FILE.py|FOLDER|NAME",
+    help="Plugin with more behaviours, conditions, flavours, objectives or floor dynamics: a file, the folder of a "
+    "package, or the name of a plugin of an installed package. May be repeated.",
+)
+FLAVOUR_OPTION = click.option(
     "--flavour",
-    type=FlavourName(),
     metavar="NAME|FILE.yaml",
     help="Flavour of the module numbers in FSM.  [default: that of its header, else watermelon]",
 )
+
+
+def FLAVOUR(verb: Verb) -> Verb:  # noqa: N802 - as the options beside it
+    """The options --flavour and --plugin of a verb that reads control software."""
+    return FLAVOUR_OPTION(PLUGIN_OPTION(beginning(load_given)(verb)))
+
+
 LENIENT = click.option(
     "--lenient",
     is_flag=True,

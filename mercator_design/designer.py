@@ -19,12 +19,19 @@ from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
-from mercator_design.missions.plugin_files import Plugin
-from mercator_design.missions.plugins import load_plugin, loaded_plugins, plugins, run_plugin
 from mercator_design.modules.architecture import Software
-from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
+from mercator_design.modules.flavour import (
+    DEFAULT_FLAVOUR,
+    Flavour,
+    enter_flavour,
+    flavour_names,
+    flavour_of,
+    read_flavour,
+)
 from mercator_design.modules.grammar import GrammarParameter
 from mercator_design.modules.reference import ReferenceModel
+from mercator_design.plugins.loading import load_plugin, loaded_plugins, plugins, run_plugin
+from mercator_design.plugins.sources import Plugin
 from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
 from mercator_design.race.irace.parameters import parameters_text
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
@@ -34,13 +41,17 @@ from mercator_design.race.space.relations import ValueIn, ValuePlus
 from mercator_design.race.space.space import Structure
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.checks.no_effect import can_fire, is_of_use
+from mercator_design.sim.checks.trial import refuse_wrong
 from mercator_design.sim.labels import robot_labels
 from mercator_design.sim.simulate import Outcome, Simulator
 from mercator_design.software.architectures import architecture_of, decoded, text_of
 from mercator_design.software.digest import control_digest
 from mercator_design.software.files import fsm_file_text, read_fsm
+from mercator_design.software.needed import FLAVOUR_FILE, PLUGINS, listed, needed_files
 from mercator_design.system.files import write_text
 
+FLAVOUR_DIGEST = "flavour_digest"
+"""Key of a race's start, if its flavour is not shipped."""
 TEST_SEED = 1
 """The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
 MAX_SOFTWARE = 1000
@@ -50,8 +61,9 @@ MAX_SOFTWARE = 1000
 class Experimenter:
     """Runs one experiment, here or in another process, which builds the simulator again."""
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Simulator, flavour: Flavour) -> None:
         self.simulator = simulator
+        self._flavour = flavour
         self._kernels = kernels_digest()  # computed now, because files may be edited later
 
     def __call__(self, item: tuple[Software, int]) -> Measurement:
@@ -70,7 +82,7 @@ class Experimenter:
     def __reduce__(self) -> tuple[Callable[..., "Experimenter"], tuple[object, ...]]:
         # The mission may have classes of plugins: it is unpickled after they are loaded.
         packed = pickle.dumps((self.simulator.mission, self.simulator.robot_model))
-        return _elsewhere, (plugins(), self._kernels, packed)
+        return _elsewhere, (plugins(), self._kernels, self._flavour, packed)
 
 
 def _measured(outcome: Outcome) -> Measurement:
@@ -81,11 +93,12 @@ def _measured(outcome: Outcome) -> Measurement:
     return Measurement(outcome.score, digest.hexdigest())
 
 
-def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Experimenter:
-    """An experimenter in another process, with the plugins as they were when the race began.
+def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, flavour: Flavour, packed: bytes) -> Experimenter:
+    """An experimenter in another process, with the plugins and the flavour as they were when the race began.
 
     Raises:
         MissionError: A plugin cannot be run here, for example because another version of it is loaded.
+        FsmError: Another version of the flavour is loaded here.
         SimulationError: The simulator here differs.
     """
     for plugin in plugins:
@@ -93,7 +106,7 @@ def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, packed: bytes) -> Expe
     if kernels_digest() != kernels:
         raise SimulationError(f"worker on {socket.gethostname()}: its simulator differs from that of the race")
     mission, robot_model = pickle.loads(packed)  # noqa: S301 - from our own main process
-    return Experimenter(Simulator(mission, robot_model))
+    return Experimenter(Simulator(mission, robot_model), enter_flavour(flavour))
 
 
 class Designer(Task[tuple[Software, int]]):
@@ -137,7 +150,7 @@ class Designer(Task[tuple[Software, int]]):
         self.name = simulator.mission.name
         self.maximise = simulator.mission.objective.direction == "maximise"
         self.possible_scores = simulator.mission.possible_scores()
-        self.function = Experimenter(simulator)
+        self.function = Experimenter(simulator, flavour_of(flavour))
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
         self._software: dict[
             int, tuple[Configuration, Software]
@@ -150,7 +163,8 @@ class Designer(Task[tuple[Software, int]]):
             if Path(name).name != name:
                 raise RaceError(f"{folder}: expected plugins by the names of files, found {excerpt(repr(name))}")
             if loaded.get(name) != digest:
-                load_plugin(folder / "plugins" / name, digest)
+                load_plugin(folder / PLUGINS / name, digest)
+        _load_flavour(folder, start)
         simulator = Simulator(load_mission(folder / "mission.yaml"))
         given = {name: start[name] for name in ("budget", "seed", "flavour", "method")}
         return cls(simulator, **given)
@@ -166,6 +180,7 @@ class Designer(Task[tuple[Software, int]]):
             "robot_model": self.simulator.robot_model.name,
             "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
+            **({} if flavour_of(self.flavour).is_shipped else {FLAVOUR_DIGEST: digest_of(flavour_of(self.flavour))}),
             "space_digest": hashlib.sha256(parameters_text(self.optimizer.space).encode()).hexdigest()[:16],
             **super().start(),
         }
@@ -184,15 +199,17 @@ class Designer(Task[tuple[Software, int]]):
             "mission.yaml": dump(
                 mission.with_files(robot_model="robot_model.yaml", image="floor.png", named=lambda file: file.copy)
             ).encode(),
-            **{f"plugins/{path}": source for plugin in plugins() for path, source in plugin.files.items()},
+            **needed_files(flavour_of(self.flavour)),
+            **{f"{PLUGINS}/{path}": source for plugin in plugins() for path, source in plugin.files.items()},
         }
 
     def header(self) -> dict[str, str]:
-        return header_of(self.simulator)
+        return header_of(self.simulator, self.flavour)
 
     def prepare(self, announce: Callable[[str], None]) -> None:
-        """As `Task.prepare`: compile the simulator."""
+        """As `Task.prepare`: compile the simulator, and try the modules of plugins."""
         self.simulator.rehearse(announce=announce, flavour=self.flavour)
+        refuse_wrong(flavour_of(self.flavour), self.simulator.robot_model.reference_model)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Software, int]:
         number, instance = experiment
@@ -232,16 +249,17 @@ class Designer(Task[tuple[Software, int]]):
         write_text(file, fsm_file_text(self.software(one.configuration), header))
         words = ["mdesign", "evaluate", str(file), "--mission", str(folder / "mission.yaml")]
         for name in loaded_plugins():
-            words += ["--plugin", str(folder / "plugins" / name)]
+            words += ["--plugin", str(folder / PLUGINS / name)]
         return shlex.join([*words, "--instance", str(one.seed)])
 
     @staticmethod
     def command(start: Start, folder: Path) -> str:
         words = ["mdesign", "race", str(folder / "mission.yaml")]
+        own = {"flavour": folder / FLAVOUR_FILE} if FLAVOUR_DIGEST in start else {}
         for name in ("budget", "seed", "flavour", "method"):
-            words += [f"--{name}", str(start[name])]
+            words += [f"--{name}", str(own.get(name, start[name]))]
         for name in start["plugins"]:
-            words += ["--plugin", str(folder / "plugins" / name)]
+            words += ["--plugin", str(folder / PLUGINS / name)]
         return shlex.join(words)
 
     @staticmethod
@@ -265,7 +283,27 @@ class Designer(Task[tuple[Software, int]]):
             space.check(configuration)
 
 
-def header_of(simulator: Simulator) -> dict[str, str]:
+def _load_flavour(folder: Path, start: Start) -> None:
+    """Load the flavour of a race that is not shipped from its run folder.
+
+    Raises:
+        RaceError: It has changed since the race.
+        FsmError: It cannot be read, or another one of its name is loaded.
+    """
+    raced = start.get(FLAVOUR_DIGEST)
+    if raced is None or (start["flavour"] in flavour_names() and digest_of(flavour_of(start["flavour"])) == raced):
+        return
+    file = folder / FLAVOUR_FILE
+    found = read_flavour(file)
+    if (found.name, digest_of(found)) != (start["flavour"], raced):
+        raise RaceError(
+            f"{file}: expected the flavour {start['flavour']} of the race, of digest {raced}, found {found.name} of "
+            f"digest {digest_of(found)}: it has changed since"
+        )
+    enter_flavour(found, str(file))
+
+
+def header_of(simulator: Simulator, flavour: str = DEFAULT_FLAVOUR) -> dict[str, str]:
     """What an fsm.txt for a mission and its robots says of them."""
     mission, model = simulator.mission, simulator.robot_model
     unusual = model.reference_model._asdict().items() - ReferenceModel()._asdict().items()
@@ -276,14 +314,14 @@ def header_of(simulator: Simulator) -> dict[str, str]:
         "robot model": model.name,
         "robot model digest": digest_of(model),
         "kernels": kernels_digest()[:16],
-        "control software": control_digest(),
+        "control software": control_digest(flavour),
         "control period": str(mission.control_period),
         "maximum speed": str(model.drive.maximum_speed),
         "reference model": json.dumps(dict(sorted(unusual))),
         "floor": ", ".join(robot_labels(mission.floor, model)),
     }
     if plugins := loaded_plugins():
-        header["plugins"] = ", ".join(f"{name} {digest}" for name, digest in plugins.items())
+        header["plugins"] = listed(plugins)
     return header
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from mercator_design.compiling import cache, inlining, kernel_sources, linking
+from mercator_design.compiling.advice import advised, reason_of
 
 R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -275,12 +276,9 @@ class _Entry:
             self._cache.turn.close()
             if not isinstance(error, self._errors):
                 raise
-            innermost = re.split(r"\(step: [^)]*\)", str(error))[-1]  # of the kernels, each called by the one before
-            reason, _, _ = " ".join(innermost.split()).partition(" During: Pass ")
-            if "NRT required" in reason:
-                reason = "a kernel must not make arrays, lists or texts, or raise an error with a value"
-            places = [(file, int(line)) for file, line in re.findall(r'File "([^"\n]+)", line (\d+)', str(error))]
-            raise CompilationError(reason[:500], places or self._places) from error
+            found = re.findall(r'File "([^"\n]+)", line (\d+)|(?:at|from) (\S+\.py) \((\d+)\)', str(error))
+            places = [(file or other, int(line or number)) for file, line, other, number in found]
+            raise CompilationError(advised(reason_of(str(error))), places or self._places) from error
 
 
 @functools.cache

@@ -10,7 +10,7 @@ import pytest
 
 from mercator_design import jit
 from mercator_design.cli import main
-from mercator_design.missions import plugins
+from mercator_design.plugins import loading as plugins
 from tests.show.browser import browser
 
 pytest_plugins = ["tests.tiers"]

@@ -8,10 +8,10 @@ import pytest
 from mercator_design.designer import Designer
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
-from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
-from mercator_design.missions.plugin_files import read_plugin
-from mercator_design.missions.plugins import load_plugin
+from mercator_design.plugins import loading as plugins
+from mercator_design.plugins.loading import load_plugin
+from mercator_design.plugins.sources import read_plugin
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import WorkerUnfit, in_order
 from mercator_design.race.executors.processes import ProcessExecutor

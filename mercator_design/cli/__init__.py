@@ -18,6 +18,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "evaluate": LazyVerb("mercator_design.cli.evaluate", "Measure controllers on fresh instances of a mission."),
     "export": LazyVerb("mercator_design.cli.export", "Write a mission, a race or a robot's log for other programs."),
     "fetch": LazyVerb("mercator_design.serve.cli.fetch", "Fetch the files of a job of a service."),
+    "flavours": LazyVerb("mercator_design.cli.flavours", "List, show and check flavours of modules."),
     "follow": LazyVerb("mercator_design.serve.cli.follow", "Follow a job of a service until it has ended."),
     "fsm": LazyVerb(
         "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import click
 
 from mercator_design.cli.inputs import check_apart, warn_of_mission
-from mercator_design.cli.options import DESIGN_FLAVOUR, FOLDER, JOBS, PLUGIN, SET, seed_of
+from mercator_design.cli.options import FOLDER, JOBS, PLUGIN, SET, design_flavour, seed_of
 from mercator_design.command import FILE, OUTPUT_FILE, print_message, print_result, warn
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
@@ -36,7 +36,7 @@ def export() -> None:
 @click.option("--budget", type=click.IntRange(1, 10**9), default=5000, show_default=True, help="Experiments to run.")
 @seed_of("Master seed of all randomness, at most R's largest integer.", 2**31 - 1)
 @JOBS
-@DESIGN_FLAVOUR
+@design_flavour
 @SET
 @PLUGIN
 def irace(

@@ -12,14 +12,14 @@ from mercator_design.command import warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
-from mercator_design.missions.plugin_files import read_plugin
-from mercator_design.missions.plugins import run_plugin
 from mercator_design.modules.architecture import Software
+from mercator_design.plugins.loading import run_plugin
+from mercator_design.plugins.sources import read_plugin
 from mercator_design.results.files import read_provenance
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
-from mercator_design.software.files import FsmFile, read_fsms
+from mercator_design.software.files import FsmFile, read_header
 
 
 def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
@@ -91,7 +91,7 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
     return simulator
 
 
-def load_plugins(files: Iterable[Path], arguments: Mapping[str, Any]) -> None:
+def load_plugins(given: Iterable[Path], arguments: Mapping[str, Any]) -> None:
     """Run plugins, after comparing their digests with those of the controller and the run folder of a verb's arguments.
 
     If there is no --mission, a plugin must not have changed since the controller was designed.
@@ -100,15 +100,14 @@ def load_plugins(files: Iterable[Path], arguments: Mapping[str, Any]) -> None:
         MissionError: A plugin has another digest, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
-    given, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
-    controllers: tuple[Path, ...] = given if isinstance(given, tuple) else (given,) if given else ()
-    found = [(file, read_plugin(file)) for file in files]
-    for controller in controllers:
-        first = next(iter(read_fsms(controller, arguments.get("flavour"), tolerate=ignore).values()))
-        origin = origin_of(controller, first.header)
+    fsm, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
+    controllers: tuple[Path, ...] = fsm if isinstance(fsm, tuple) else (fsm,) if fsm else ()
+    found = [(file, read_plugin(file)) for file in given]
+    for controller in controllers if found else ():
+        origin = origin_of(controller, read_header(controller))
         for _, plugin in found:
             origin.check_plugin(plugin.name, plugin.digest, refuse=arguments.get("mission") is None)
-    if folder is not None:
+    if found and folder is not None:
         raced: Any = read_provenance(folder).race.get("plugins", {})
         for file, plugin in found:
             if raced.get(plugin.name, plugin.digest) != plugin.digest:

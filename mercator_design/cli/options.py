@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import load_plugins
-from mercator_design.command import FILE, FLAVOUR, LENIENT, FlavourName, OutputFile
+from mercator_design.command import FLAVOUR_OPTION, LENIENT, PLUGIN_OPTION, OutputFile, beginning
 from mercator_design.designer import Designer
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.show.text.progress import MODES
@@ -28,14 +28,31 @@ class ControllerFile(click.Path):
 FSM = ControllerFile(path_type=Path, readable=False)  # the reader of the file reports errors
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 CSV = click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
-DESIGN_FLAVOUR = click.option(
-    "--flavour",
-    type=FlavourName(),
-    metavar="NAME|FILE.yaml",
-    default=DEFAULT_FLAVOUR,
-    show_default=True,
-    help="Modules to design with.",
-)
+_begun = beginning(load_plugins)
+
+
+def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
+    """The option --plugin of a verb: before the verb begins, plugins are compared with its other arguments and run."""
+    return PLUGIN_OPTION(_begun(verb))
+
+
+def FLAVOUR(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
+    """The option --flavour of a verb that reads control software; its modules may be of plugins."""
+    return FLAVOUR_OPTION(PLUGIN(verb))
+
+
+def design_flavour(verb: Callable[..., None]) -> Callable[..., None]:
+    """The option --flavour of a verb that designs control software."""
+    option = click.option(
+        "--flavour",
+        metavar="NAME|FILE.yaml",
+        default=DEFAULT_FLAVOUR,
+        show_default=True,
+        help="Modules to design with.",
+    )
+    return option(_begun(verb))
+
+
 SET = click.option(
     "--set",
     "overrides",
@@ -73,27 +90,9 @@ def jobs_of(default: str) -> Callable[[Callable[..., None]], Callable[..., None]
 JOBS = jobs_of("the cores that it may use")
 
 
-def PLUGIN(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
-    """The option --plugin of a verb: before the verb begins, plugins are compared with its other arguments and run."""
-
-    @functools.wraps(verb)
-    def with_plugins(*arguments: object, plugin: tuple[Path, ...], **given: Any) -> None:  # noqa: ANN401 - the verb's
-        if plugin:
-            load_plugins(plugin, given)
-        verb(*arguments, **given)
-
-    return click.option(
-        "--plugin",
-        multiple=True,
-        type=FILE,
-        metavar="FILE.py",
-        help="Python file with more objectives or floor dynamics for missions. May be repeated.",
-    )(with_plugins)
-
-
 def CONTROLLER(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it
     """The options of a verb that runs a controller: how its file is read, and its robots and mission."""
-    return ROBOT_MODEL(FLAVOUR(LENIENT(SET(PLUGIN(verb)))))
+    return ROBOT_MODEL(FLAVOUR(LENIENT(SET(verb))))
 
 
 def PROGRESS(verb: Callable[..., None]) -> Callable[..., None]:  # noqa: N802 - as the options beside it

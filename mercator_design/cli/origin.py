@@ -11,9 +11,10 @@ from mercator_design.command import warn
 from mercator_design.config.writing import digest_of
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
-from mercator_design.missions.plugins import loaded_plugins
+from mercator_design.plugins.loading import loaded_plugins
 from mercator_design.results import provenance
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.software.needed import plugins_in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,10 +28,7 @@ class Origin:
 
     def plugins(self) -> Iterator[tuple[str, str]]:
         """Names and digests of its plugins at design; a name may come twice."""
-        for word in self.header.get("plugins", "").split(", "):
-            name, _, digest = word.rpartition(" ")
-            if name:
-                yield name, digest
+        yield from plugins_in(self.header.get("plugins", ""))
         plugins = self.race.get("plugins")
         if isinstance(plugins, Mapping):
             yield from plugins.items()
@@ -45,8 +43,8 @@ class Origin:
         for name, digest in self.plugins():
             if name not in loaded:
                 copy = self.folder / "plugins" / name
-                is_there = Path(name).name == name and os.path.isfile(copy)  # noqa: PTH113 - as in shipped.find
-                advice = f"give --plugin {shlex.quote(str(copy))}" if is_there else "give that file with --plugin"
+                is_there = Path(name).name == name and os.path.exists(copy)  # noqa: PTH110 - as in shipped.find
+                advice = f"give --plugin {shlex.quote(str(copy))}" if is_there else "give that plugin with --plugin"
                 raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {advice}, or --mission")
             if loaded[name] != digest:
                 raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")

@@ -7,15 +7,15 @@ from typing import Any
 import click
 
 from mercator_design.cli.inputs import new_simulator, warn_of_mission
-from mercator_design.cli.options import PLUGIN
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_error, print_note, print_result, read_controller, warn
+from mercator_design.cli.options import FLAVOUR
+from mercator_design.command import FILE, LENIENT, print_error, print_note, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
 from mercator_design.errors import FsmError, MissionError, printable
 from mercator_design.missions.mission import Mission, load_mission
-from mercator_design.missions.plugins import is_ours
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
+from mercator_design.plugins.registries import is_ours
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
@@ -28,7 +28,6 @@ _TRIED = 100  # cycles in which functions of plugins are tried
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @FLAVOUR
 @LENIENT
-@PLUGIN
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
     """Check missions, robot models and FSM files.
 

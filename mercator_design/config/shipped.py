@@ -1,7 +1,10 @@
 """The missions, robot models and flavours that come with the package, and the search for a file by name or path."""
 
+import functools
 import os
 from collections.abc import Mapping
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from mercator_design.config import spelling
@@ -21,9 +24,13 @@ def robot_models() -> dict[str, Path]:
     return _files(_folder() / "robots")
 
 
-def flavours() -> dict[str, Path]:
-    """Name -> file of the shipped flavours, in the order of their names."""
-    return _files(_folder() / "flavours")
+@functools.cache
+def flavours() -> dict[str, Traversable]:
+    """Name -> file of the shipped flavours, in the order of their names; robots have them in a zip file."""
+    packaged = files(PACKAGE.name).joinpath("scenarios")
+    folder = packaged if packaged.is_dir() else _folder()
+    found = [one for one in folder.joinpath("flavours").iterdir() if one.name.endswith(".yaml")]
+    return {one.name.removesuffix(".yaml"): one for one in sorted(found, key=lambda one: one.name)}
 
 
 def find(name_or_path: str | Path, shipped: Mapping[str, Path], kind: str) -> Path:

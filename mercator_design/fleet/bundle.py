@@ -10,6 +10,7 @@ from importlib import metadata
 from importlib.util import MAGIC_NUMBER, source_hash
 from pathlib import Path
 
+from mercator_design.config import shipped
 from mercator_design.errors import RobotError
 from mercator_design.robot.cli import VERBS
 
@@ -29,7 +30,7 @@ main()
 
 
 def bundle() -> bytes:
-    """A zip application with the modules that the robot imports, the packages that they need, and licences.
+    """A zip application with the modules and flavours for the robot, the packages that they need, and licences.
 
     Beside the sources there is byte code. With it, this version of Python starts in less than half of the time; others
     ignore it. The same sources and version give the same bytes anywhere: names are sorted, there are no dates, and
@@ -40,6 +41,10 @@ def bundle() -> bytes:
     """
     files = {"__main__.py": _MAIN.encode()}
     files |= {str(path.relative_to(_PACKAGE.parent)): path.read_bytes() for path in _modules()}
+    files |= {
+        f"{_PACKAGE.name}/scenarios/flavours/{name}.yaml": file.read_bytes()
+        for name, file in shipped.flavours().items()
+    }
     packaged = _PACKAGE / "LICENSE"
     licence = packaged if packaged.is_file() else _PACKAGE.parent / "LICENSE"  # beside the package in a clone
     files["licences/mercator-design.txt"] = licence.read_bytes()

@@ -7,7 +7,7 @@ held while a run is in progress or starts, and `pid` with the number of the proc
 import posixpath
 import secrets
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from mercator_design.config.schema import FieldError, Length, checked
 from mercator_design.errors import RobotError, SettingsError
 from mercator_design.fleet.bundle import bundle
 from mercator_design.fleet.ssh import RemoteRobot, on, run, shell
+from mercator_design.software.needed import FLAVOUR_FILE, PLUGINS
 
 PROGRAM, FSM = "mercator-robot.pyz", "fsm.txt"
 _MAX_CONNECTIONS = 100  # at a time
@@ -31,6 +32,7 @@ _TAKE = f"""
 trap 'rm -rf "$1"' EXIT
 {BE_IDLE}
 find new -mindepth 1 -maxdepth 1 -mmin +60 -exec rm -rf {{}} +
+if [ -f "$1/{FSM}" ]; then rm -rf {FLAVOUR_FILE} {PLUGINS}; fi
 mv "$1"/* . && python3 {PROGRAM} --version
 """
 """Also removes what copies that failed more than an hour ago have left."""
@@ -89,27 +91,26 @@ def read_fleet(path: Path) -> Fleet:
     return read(path, Fleet, error=SettingsError)
 
 
-def copy(fleet: Fleet, fsm: Path | None, timeout: float) -> list[RobotOutcome]:
-    """Copy the program and an fsm.txt to all robots without a run in progress, which may still import modules.
+def copy(fleet: Fleet, files: Mapping[str, bytes], timeout: float) -> list[RobotOutcome]:
+    """Copy the program and files to all robots without a run in progress, which may still import modules.
 
     Args:
         fleet: The robots.
-        fsm: The file; None: only the program.
+        files: Contents of files by their paths there: FSM, with the flavour and plugins that it needs; none if only the
+            program is to be copied.
         timeout: Time limit of each connection [s].
     """
     with tempfile.TemporaryDirectory() as folder:
-        sent = [Path(folder, PROGRAM)]
-        sent[0].write_bytes(bundle())
-        if fsm is not None:
-            sent.append(Path(folder, FSM))
-            sent[1].write_bytes(fsm.read_bytes())
-
+        for name, data in {PROGRAM: bundle(), **files}.items():
+            Path(folder, name).parent.mkdir(parents=True, exist_ok=True)
+            Path(folder, name).write_bytes(data)
+        sent = sorted(Path(folder).iterdir())
         new = f"new/{secrets.token_hex(4)}"  # of this copy only: others may copy at the same time
 
         def to(robot: RemoteRobot) -> str:
             make = f"mkdir -p {robot.folder} && cd {robot.folder} || exit 1\n{BE_IDLE}\nmkdir -p {new}"
             shell(robot, make, timeout, folder=".")
-            run("scp", robot, [*map(str, sent), on(robot, f"{new}/")], timeout)
+            run("scp", robot, ["-r", *map(str, sent), on(robot, f"{new}/")], timeout)
             return shell(robot, _TAKE, timeout, [new])
 
         return on_all(fleet, to)

@@ -42,6 +42,7 @@ from mercator_design.fsm.words.names import STATE_NAME
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names, flavour_of
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
 from mercator_design.modules.words import named_values, number_of
+from mercator_design.plugins.registries import by_entries
 
 StateName = Annotated[str, Pattern(STATE_NAME, "letters, digits, spaces and . _ + -, at most 40, no space at its ends")]
 HeaderKey = Annotated[str, Pattern(r"[^\s:#][^\s:]*( [^\s:]+)*", "words without a colon")]
@@ -64,6 +65,7 @@ class _Keys(Mapping[str, Callable[..., Any]]):
         return len(self._modules)
 
 
+@by_entries
 @functools.cache
 def _keys_of(module: Module, any_domain: bool) -> Callable[..., Any]:
     """A function of keyword-only parameters, with the comments and docstring of a module's function."""

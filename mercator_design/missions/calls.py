@@ -20,7 +20,8 @@ from typing import Any, ClassVar, NamedTuple
 from mercator_design.config.building import is_name
 from mercator_design.config.schema import FieldError, FilePath, Kind, mapped, parameters_of, values_in
 from mercator_design.errors import described
-from mercator_design.missions.plugins import ZoneReference, first_line, line_of
+from mercator_design.missions.plugins import ZoneReference
+from mercator_design.plugins.places import first_line, line_of
 from mercator_design.system.files import Unreadable, read_small, write_bytes
 from mercator_design.system.interruptions import signals_first
 

@@ -24,7 +24,8 @@ from mercator_design.errors import excerpt
 from mercator_design.missions.arena import Angle, Point, Size, check_polygon
 from mercator_design.missions.calls import Call, copied
 from mercator_design.missions.pictures import painted_over, read_picture
-from mercator_design.missions.plugins import DYNAMICS, OF_A_PLUGIN, Site, change_of, first_line
+from mercator_design.missions.plugins import DYNAMICS, OF_A_PLUGIN, Site, change_of
+from mercator_design.plugins.places import first_line
 
 _COLOURS = (Colour, *typing.get_args(Colour))
 

@@ -34,9 +34,11 @@ from mercator_design.missions.calls import Call, NamedFile, copied
 from mercator_design.missions.floor import Floor, FloorTable
 from mercator_design.missions.objectives import OBJECTIVES
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import OF_A_PLUGIN, first_line, is_ours, limits_of
+from mercator_design.missions.plugins import OF_A_PLUGIN, limits_of
 from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
+from mercator_design.plugins.places import first_line
+from mercator_design.plugins.registries import is_ours
 from mercator_design.scores import ANY_SCORE, EXPECTED, ScoreRange, is_score
 from mercator_design.seeds import generator
 

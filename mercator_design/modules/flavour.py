@@ -5,7 +5,7 @@ name, and a process has one flavour of each name.
 """
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -20,7 +20,8 @@ from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module
 from mercator_design.modules.reference import ReferenceModel
-from mercator_design.system.files import small_text
+from mercator_design.plugins.registries import Registry, register
+from mercator_design.system.files import small_text, text_of
 
 DEFAULT_FLAVOUR = "watermelon"
 _MAX_SIZE = 64 * 1024
@@ -117,6 +118,11 @@ class Flavour(FromFile):
     def __post_init__(self) -> None:
         check(self)
 
+    @property
+    def is_shipped(self) -> bool:
+        """Whether it comes with this package."""
+        return self.name in shipped.flavours()
+
     def limit(self, name: str) -> int:
         """The largest number of something."""
         return (self.limits or {}).get(name, _USUAL_LIMITS[name])
@@ -171,7 +177,7 @@ def flavour_of(name: str) -> Flavour:
             files = shipped.flavours()
             if name not in files:
                 raise FsmError(f"flavour: expected one of {', '.join(flavour_names())}, found {excerpt(repr(name))}")
-            _loaded[name] = _read(files[name])
+            _loaded[name] = flavour_from(files[name].read_text("utf-8"), str(files[name]))
         return _loaded[name]
 
 
@@ -183,7 +189,7 @@ def load_flavour(name_or_path: str) -> Flavour:
     """
     if not shipped.is_path(name_or_path):
         return flavour_of(name_or_path)
-    return enter_flavour(_read(Path(name_or_path)), name_or_path)
+    return enter_flavour(read_flavour(Path(name_or_path)), name_or_path)
 
 
 def enter_flavour(flavour: Flavour, label: str = "") -> Flavour:
@@ -213,16 +219,22 @@ def flavour_from(text: str, label: str) -> Flavour:
     return parse(text, Flavour, error=FsmError, label=label, files=False, defaults={"name": Path(label).stem})
 
 
-def _read(path: Path) -> Flavour:
+def read_flavour(path: Path) -> Flavour:
+    """A flavour of a file, without entering it; errors are those of `flavour_from`, and that it cannot be read."""
     return flavour_from(small_text(path, _MAX_SIZE, FsmError), str(path))
 
 
-def snapshot() -> Callable[[], None]:
-    """A function that forgets the flavours that are loaded from now on."""
-    before = {*_loaded}
+def define_flavour(text: str, name: str) -> Flavour:
+    """Enter a flavour of the text of its file, as plugins do, under a name if the text has none.
 
-    def restore() -> None:
-        for name in {*_loaded} - before:
-            del _loaded[name]
+    Raises:
+        FsmError: It is not valid, or another one of its name is loaded.
+    """
+    return enter_flavour(flavour_from(text, name), name)
 
-    return restore
+
+def _enter_file(data: bytes, label: str) -> None:
+    enter_flavour(flavour_from(text_of(data, FsmError, label), label), label)
+
+
+register(Registry(what="a flavour", table=_loaded, enter_file=_enter_file))

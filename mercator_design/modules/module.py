@@ -10,15 +10,16 @@ import inspect
 import re
 import typing
 from array import array
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, Literal, NamedTuple, TypeVar, cast
 
 from mercator_design.config.schema import Range, comments_of, origin_of, sentence_of, unit_of
 from mercator_design.jit import jittable
 from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import OUTPUTS, Readings, ReferenceModel
+from mercator_design.plugins.registries import Registry, is_ours, load_shipped, register
 
 MAX_PARAMETERS = 6
 """Largest number of parameters of a module."""
@@ -107,6 +108,11 @@ class Module:
     position: int  # in BEHAVIOURS or CONDITIONS
     failure: int = -1  # position in FAILURE_CALLS; -1: it never fails
     end_mark: bool = False  # see `behaviour`
+    call: Callable[..., None] = field(init=False, repr=False, compare=False)
+    """The kernel of one signature for all modules of a kind."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "call", jittable(_call(self)))
 
     def __reduce__(self) -> tuple[Callable[..., "Module"], tuple[str, str]]:
         return module_of, (self.kind, self.name)
@@ -141,6 +147,10 @@ class Module:
         return bool(self.parameters) and bool(self.parameters[-1].labels)
 
 
+def _functions(table: Mapping[str, Module]) -> list[Callable[..., Any]]:
+    return [module.function for module in table.values()]
+
+
 BEHAVIOURS: dict[str, Module] = {}
 CONDITIONS: dict[str, Module] = {}
 """The modules by name, in order of their positions: those of this package come first."""
@@ -155,6 +165,15 @@ FAILURE_CALLS: list[Call] = []
 """Kernels of one signature for the failure tests of behaviours."""
 
 _TABLES = {"behaviour": (BEHAVIOURS, BEHAVIOUR_CALLS), "condition": (CONDITIONS, CONDITION_CALLS)}
+for _kind, (_table, _calls) in _TABLES.items():
+    register(
+        Registry(
+            what=f"a @{_kind}",
+            table=_table,
+            others=(_calls, FAILURE_CALLS),
+            functions=partial(_functions, _table),
+        )
+    )
 
 
 def module_of(kind: str, name: str) -> Module:
@@ -220,6 +239,8 @@ def _entered(
     end_mark: bool = False,
 ) -> F:
     table, calls = _TABLES[kind]
+    if not is_ours(function):
+        load_shipped()
     name = name or function.__name__.replace("_", " ").strip()
     for given, known, what in ((reads, SENSES, "senses"), (sets, OUTPUTS, "outputs")):
         if unknown := sorted({*given} - {*known}):
@@ -244,7 +265,7 @@ def _entered(
     )
     if fails:
         FAILURE_CALLS.append(jittable(_failure_call(module, jittable(fails))))
-    calls.append(jittable(_call(module)))
+    calls.append(module.call)
     table[name] = module
     jittable(function)
     return function
@@ -346,7 +367,8 @@ def _call(module: Module) -> Call:
     ) -> None:
         found[0] = function(model, readings, memory, *taken(parameters))
 
-    return _named(call_behaviour if module.kind == "behaviour" else call_condition, module.kind, module)
+    call = call_behaviour if module.kind == "behaviour" else call_condition
+    return _named(call, module.kind, module, function)
 
 
 def _failure_call(module: Module, fails: Callable[..., bool]) -> Call:
@@ -356,10 +378,11 @@ def _failure_call(module: Module, fails: Callable[..., bool]) -> Call:
     def call_failure(model: ReferenceModel, readings: Readings, parameters: Row, found: MutableRow) -> None:
         found[0] = 1.0 if fails(model, readings, *taken(parameters)) else 0.0
 
-    return _named(call_failure, "failure", module)
+    return _named(call_failure, "failure", module, fails)
 
 
-def _named(call: Call, what: str, module: Module) -> Call:
-    """A kernel with a name of its own, as compiled code links kernels by their names."""
+def _named(call: Any, what: str, module: Module, function: Callable[..., Any]) -> Call:  # noqa: ANN401 - a function
+    """A kernel with a name of its own, as compiled code links kernels by their names, and what it calls."""
     call.__qualname__ = call.__name__ = f"call_{what}_{re.sub(r'[^a-zA-Z0-9]', '_', module.name)}"
-    return call
+    call.calls = function
+    return cast("Call", call)

@@ -1,6 +1,6 @@
 """Runs one experiment: from a PFSM, a mission and a seed to a score and a trace."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, TypeVar
@@ -10,12 +10,14 @@ import numpy as np
 from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.plugins import reporting_kernels
+from mercator_design.missions.plugins import changes_of
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import ControlProgram, Software
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.modules.reference import ReferenceModel
+from mercator_design.plugins.places import reporting_kernels
+from mercator_design.plugins.registries import by_entries
 from mercator_design.seeds import generator
 from mercator_design.sim.checks.impossible import MissionWarning, mission_warnings
 from mercator_design.sim.devices import Recording
@@ -56,6 +58,7 @@ class Tables(NamedTuple):
     draws: int  # that it makes in a cycle
     reads: frozenset[str]  # the senses
     flavour: Flavour
+    kernels: Mapping[Callable[..., Any], str]  # of its modules, each with what it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,9 @@ class PreparedExperiment:
         loop = referee_experiment if referee or not jit_wanted() else _compiled
         model = tables.flavour.reference_model(instance.robot_model.reference_model)
         swarm = controlled(instance.swarm, memory=tables.memory, draws=tables.draws)
-        with reporting_kernels([each.name for each in self.mission.floor.dynamics]):
+        kernels: dict[Callable[..., Any], str] = {**changes_of(each.name for each in self.mission.floor.dynamics)}
+        kernels |= tables.kernels
+        with reporting_kernels(kernels):
             loop(instance.scene, model, tables.program, swarm, self.history)
 
     def outcome(self) -> Outcome:
@@ -224,11 +229,13 @@ def robot_model_of(mission: Mission) -> RobotModel:
         raise MissionError(*(f"{place}: {message}" for message in error.messages)) from None
 
 
+@by_entries
 @lru_cache(_PROGRAMS)
 def tables_of(software: Software) -> Tables:
     """The tables of control software, for compiled code, which does not change them."""
-    program = software.program()
-    return Tables(_arrays(program), program.memory, software.draws, software.reads, flavour_of(software.flavour))
+    program, flavour = software.program(), flavour_of(software.flavour)
+    kernels = {one.module.call: f"{one.module.kind} {one.module.name}" for _, one in software.nodes}
+    return Tables(_arrays(program), program.memory, software.draws, software.reads, flavour, kernels)
 
 
 def _arrays(table: T) -> T:

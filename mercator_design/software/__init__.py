@@ -3,6 +3,7 @@
 architectures   the architectures by name, and the control cycle of all
 controller      the driver of one robot
 files           fsm.txt and fsm.yaml
+needed          the flavour and the plugins that a file needs
 digest          whether two computers decide alike
 """
 

@@ -19,6 +19,7 @@ from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names
 from mercator_design.network.genome import genomes_of, is_genome
 from mercator_design.network.network import DEFAULT_FLAVOUR as NETWORKS
 from mercator_design.software.architectures import ARCHITECTURES, architecture_of, text_of
+from mercator_design.software.needed import NEEDED, entries_of, ready
 from mercator_design.system.files import small_text
 
 _MAX_SIZE = 64 * 1024
@@ -70,13 +71,25 @@ def read_fsm(path: Path, flavour: str | None = None, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming file and line.
     """
-    return fsm_of(small_text(path, _MAX_SIZE, FsmError), str(path), flavour, tolerate=tolerate)
+    return fsm_of(small_text(path, _MAX_SIZE, FsmError), str(path), flavour, tolerate=tolerate, path=path)
 
 
-def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn | None = None) -> FsmFile:
-    """As `read_fsm`, of the text of a file; `label` names it in errors."""
+def read_header(path: Path) -> dict[str, str]:
+    """The header of a file, whatever else is in it; empty if it has none.
+
+    Raises:
+        FsmError: The file cannot be read.
+    """
+    text = small_text(path, _MAX_SET, FsmError)
+    return _yaml_header(text)[1] if _is_yaml(text) else _lines(text)[0]
+
+
+def fsm_of(
+    text: str, label: str, flavour: str | None = None, *, tolerate: Warn | None = None, path: Path | None = None
+) -> FsmFile:
+    """As `read_fsm`, of the text of a file; `label` names it in errors, and `path` is where it lies."""
     if _is_yaml(text):
-        return _read_yaml(text, label, flavour, tolerate)
+        return _read_yaml(text, label, flavour, tolerate, path)
     if is_genome(text):
         genomes = _genome_files(text, label, flavour)
         if len(genomes) != 1:
@@ -86,7 +99,7 @@ def fsm_of(text: str, label: str, flavour: str | None = None, *, tolerate: Warn 
     if len(found) != 1:
         where = ", ".join(f"line {number}" for number, _ in found[:3]) or "none"
         raise FsmError(f"{label}: expected one line with control software, found {len(found) or 'none'} ({where})")
-    return _read_line(*found[0], header, label, flavour, tolerate)
+    return _read_line(*found[0], header, label, flavour, tolerate, path)
 
 
 def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Warn | None = None) -> dict[int, FsmFile]:
@@ -101,7 +114,7 @@ def read_fsms(path: Path, flavour: str | None = None, *, tolerate: Warn | None =
     header, found = _lines(text)
     if _is_yaml(text) or len(found) < 2:
         return {1: read_fsm(path, flavour, tolerate=tolerate)}
-    return {number: _read_line(number, line, header, str(path), flavour, tolerate) for number, line in found}
+    return {number: _read_line(number, line, header, str(path), flavour, tolerate, path) for number, line in found}
 
 
 def _is_yaml(text: str) -> bool:
@@ -110,10 +123,26 @@ def _is_yaml(text: str) -> bool:
     return _YAML_BEGINS.match(first) is not None
 
 
-def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None) -> FsmFile:
+def _yaml_header(text: str) -> tuple[str, dict[str, str]]:
+    """The flavour and the header of an fsm.yaml, as far as they are what they should be."""
+    import yaml
+
+    try:
+        found = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError):  # reported when it is read
+        return DEFAULT_FLAVOUR, {}
+    named, header = (found.get("flavour"), found.get("header")) if isinstance(found, dict) else (None, None)
+    texts = header.items() if isinstance(header, dict) else ()
+    return str(named or DEFAULT_FLAVOUR), {str(key): value for key, value in texts if isinstance(value, str)}
+
+
+def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None, path: Path | None) -> FsmFile:
     from mercator_design.fsm.yaml_form import parse_yaml
 
     lenient = tolerate is not None
+    named_flavour, found = _yaml_header(text)
+    if found.keys() & NEEDED:
+        ready(found, named_flavour, flavour, label, path)
     try:
         named = parse_yaml(text, label, flavour, any_domain=lenient)
     except FsmError as error:
@@ -122,7 +151,7 @@ def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None
     pfsm = named.pfsm(any_domain=lenient)
     if tolerate:
         out_of_domain(pfsm, tolerate)
-    header = {key: " ".join(value.split()) for key, value in (named.header or {}).items()}
+    header = {key: " ".join(value.split()) for key, value in (named.header or {}).items() if key not in NEEDED}
     for key in (_FLAVOUR, _NAMES):
         if key in header:
             raise FsmError(
@@ -155,13 +184,17 @@ def _lines(text: str) -> tuple[dict[str, str], list[tuple[int, str]]]:
 
 
 def _read_line(
-    number: int, line: str, header: Mapping[str, str], label: str, flavour: str | None, tolerate: Warn | None
+    number: int,
+    line: str,
+    header: Mapping[str, str],
+    label: str,
+    flavour: str | None,
+    tolerate: Warn | None,
+    path: Path | None,
 ) -> FsmFile:
-    header = dict(header)
-    named = header.pop(_FLAVOUR, DEFAULT_FLAVOUR)
-    if flavour is None and named not in flavour_names():
-        known = ", ".join(flavour_names())
-        raise FsmError(f"{label}: flavour in the header: expected one of {known}, found '{excerpt(named)}'")
+    named = header.get(_FLAVOUR, DEFAULT_FLAVOUR)
+    ready(header, named, flavour, label, path)
+    header = {key: value for key, value in header.items() if key not in {_FLAVOUR, *NEEDED}}
     try:
         software = parse_software(line, flavour or named, tolerate=tolerate)
     except FsmError as error:
@@ -202,7 +235,7 @@ def _flavours_of(line: str, architecture: Architecture) -> list[str]:
 
 def fsm_file_text(software: Software, header: Mapping[str, str], names: tuple[str, ...] = ()) -> str:
     """The text of an fsm.txt; the flavour is always in its header, names of parts if they are not the usual ones."""
-    entries = {_FLAVOUR: software.flavour, **header}
+    entries = {_FLAVOUR: software.flavour, **entries_of(software.flavour), **header}
     if names and names != architecture_of(software.flavour).names(software):
         entries[_NAMES] = ", ".join(names)
     comments = [f"# {key}: {' '.join(str(value).split())}" for key, value in entries.items()]
@@ -213,4 +246,4 @@ def fsm_yaml_text(file: FsmFile) -> str:
     """The text of an fsm.yaml, without loss."""
     from mercator_design.fsm.yaml_form import to_yaml
 
-    return to_yaml(file.pfsm, file.names, file.header)
+    return to_yaml(file.pfsm, file.names, {**entries_of(file.pfsm.flavour), **file.header})

@@ -52,13 +52,17 @@ def contents_of(path: str | Path, max_size: int, error: type[Exception], label: 
 
 def small_text(path: str | Path, max_size: int, error: type[Exception], label: str = "") -> str:
     """The text of a UTF-8 file; errors are those of `contents_of`, with the line of what is not UTF-8."""
-    data = contents_of(path, max_size, error, label)
+    return text_of(contents_of(path, max_size, error, label), error, label or str(path))
+
+
+def text_of(data: bytes, error: type[Exception], label: str) -> str:
+    """The text of the contents of a UTF-8 file; errors are those of `small_text`."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
         line = data.count(b"\n", 0, wrong.start) + 1
         found = f"found the byte 0x{data[wrong.start]:02x}"
-        raise error(f"{label or path}:{line}: expected UTF-8 text, {found}") from None
+        raise error(f"{label}:{line}: expected UTF-8 text, {found}") from None
 
 
 @contextlib.contextmanager

@@ -16,7 +16,8 @@ from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.plugins import reporting_kernels
+from mercator_design.missions.plugins import changes_of
+from mercator_design.plugins.places import reporting_kernels
 from mercator_design.robot.devices.settings import Limits
 from mercator_design.robot.protocols.multiflex import SENSORS
 from mercator_design.robot.protocols.ydlidar import encode_command
@@ -130,7 +131,7 @@ class TwinArena:
         self._ways += np.column_stack([ahead - aside, ahead + aside])
         self.ticks += 1
         if self.ticks % self.cycle == 0:
-            with reporting_kernels(self._dynamics):
+            with reporting_kernels(changes_of(self._dynamics)):
                 compiled(change_floor)(self._scene.floor, self._latest.poses[row], self.ticks * self.period)
         self._measured = {TREADS: self._ways}
 

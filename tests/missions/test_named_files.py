@@ -9,7 +9,7 @@ from mercator_design.config import shipped
 from mercator_design.errors import MissionError
 from mercator_design.fsm.text import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.missions.plugins import load_plugin
+from mercator_design.plugins.loading import load_plugin
 from mercator_design.race.session.journal import read
 from mercator_design.results.files import JOURNAL
 from mercator_design.sim.simulate import Simulator

@@ -18,10 +18,11 @@ from mercator_design.config import shipped
 from mercator_design.config.writing import dump
 from mercator_design.errors import MissionError
 from mercator_design.fsm import parse
-from mercator_design.missions import plugins
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.mission import Objective, load_mission, parse_mission
-from mercator_design.missions.plugins import DYNAMICS, OBJECTIVES, load_plugin
+from mercator_design.missions.plugins import CHANGES, DYNAMICS, OBJECTIVES, _change_of
+from mercator_design.plugins import loading as plugins
+from mercator_design.plugins.loading import load_plugin
 from mercator_design.seeds import generator
 from mercator_design.sim.simulate import Simulator
 from tests.tiers import some
@@ -77,8 +78,8 @@ def readings_of(simulator):
 
 
 def everything_registered():
-    registries = OBJECTIVES, DYNAMICS, plugins._change_of, plugins._loaded
-    return [dict(registry) for registry in registries], list(plugins.CHANGES), jit.marked(), list(jit._waiting)
+    registries = OBJECTIVES, DYNAMICS, _change_of, plugins._loaded
+    return [dict(registry) for registry in registries], list(CHANGES), jit.marked(), list(jit._waiting)
 
 
 @pytest.fixture
@@ -231,7 +232,10 @@ class TestLoading:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("x = 1", "my.py: a plugin that defines neither an @objective nor a @dynamic"),
+            (
+                "x = 1",
+                "my.py: a plugin that defines nothing; expected a @behaviour, a @condition, a flavour, an @obj",
+            ),
             ("\nimport nowhere_at_all", "my.py:2: a plugin that cannot be run: ModuleNotFoundError: No module"),
             ("x = 1\ny = (", "my.py:2: a plugin that cannot be run: SyntaxError"),
             ("import sys\nsys.exit(3)", "my.py:2: a plugin that cannot be run: SystemExit: 3"),
@@ -247,7 +251,7 @@ class TestLoading:
             (SHRINK.replace("poses, time", "poses, *, time"), "its change: expected shrink_zone(floor, table, poses"),
             ("\0", "a plugin that cannot be run"),
             (NORTHERN + SHRINK + "\n1 / 0\n", "ZeroDivisionError"),
-            (SHRINK.replace("@dynamic(change=shrink_zone)\n", ""), "defines neither"),
+            (SHRINK.replace("@dynamic(change=shrink_zone)\n", ""), "defines nothing"),
             (f"{NORTHERN}print('\\a', '\\033[2J' + 7)", "my.py:13: a plugin that cannot be run: TypeError"),
             ("raise OSError('\\033[2J')", r"OSError: \x1b[2J"),
         ],
@@ -392,7 +396,7 @@ class TestLoading:
     def test_a_file_that_cannot_be_read(self, tmp_path):
         with pytest.raises(MissionError, match=r"nowhere.py: no such file"):
             load_plugin(tmp_path / "nowhere.py")
-        with pytest.raises(MissionError, match="expected a file, found a folder"):
+        with pytest.raises(MissionError, match=r"expected a folder with __init__\.py, found none in it"):
             load_plugin(tmp_path)
         with pytest.raises(MissionError, match="expected a regular file, found a device"):
             load_plugin("/dev/zero")

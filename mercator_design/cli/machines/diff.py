@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, LENIENT, FlavourName, print_result, read_controller
+from mercator_design.command import FILE, LENIENT, PLUGIN_OPTION, beginning, load_given, print_result, read_controller
 from mercator_design.fsm.words.difference import difference
 
 _WORDS = {
@@ -20,11 +20,12 @@ _WORDS = {
 @click.argument("other", type=FILE)
 @click.option(
     "--flavour",
-    type=FlavourName(),
     metavar="NAME|FILE.yaml",
     help="Flavour of the module numbers.  [default: that of each file's header, else watermelon]",
 )
+@PLUGIN_OPTION
 @LENIENT
+@beginning(load_given)
 def diff(one: Path, other: Path, flavour: str | None, lenient: bool) -> None:
     """Say how the PFSM of OTHER differs from that of ONE: in states, transitions and parameters.
 

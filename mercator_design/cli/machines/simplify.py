@@ -7,11 +7,10 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission
-from mercator_design.cli.options import JOBS, MISSION, PLUGIN, ROBOT_MODEL, SEED, SET
+from mercator_design.cli.options import FLAVOUR, JOBS, MISSION, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import (
     FILE,
-    FLAVOUR,
     OUTPUT_FILE,
     NumberRange,
     print_message,
@@ -58,7 +57,6 @@ _OF_THE_ORIGINAL = {"score", "spread", "score in the race", "configuration"}
 @ROBOT_MODEL
 @FLAVOUR
 @SET
-@PLUGIN
 def simplify(
     fsm: Path,
     output: Path,

@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import click
 
 from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import DESIGN_FLAVOUR, PLUGIN, PROGRESS, SEED, SET, jobs_of
+from mercator_design.cli.options import PLUGIN, PROGRESS, SEED, SET, design_flavour, jobs_of
 from mercator_design.cli.races.common import (
     JSON_LINES,
     NOTICE,
@@ -55,7 +55,7 @@ _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' thread
 @_JOBS
 @OUTPUT
 @RESUME
-@DESIGN_FLAVOUR
+@design_flavour
 @method_option(DEFAULT_METHOD)
 @click.option(
     "--executor",

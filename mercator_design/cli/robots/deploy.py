@@ -21,10 +21,12 @@ from mercator_design.fleet.check import check, table, unclear, wrong
 from mercator_design.fleet.deploy import Fleet, RobotOutcome
 from mercator_design.fleet.start import start
 from mercator_design.fsm import ReferenceModel
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.robot.cli.options import WITHOUT
 from mercator_design.robot.devices.settings import CONTROL_PERIOD, control_period_of, reference_model_of
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.software.files import FsmFile
+from mercator_design.software.needed import FLAVOUR_FILE, PLUGINS, module_plugins, needed_files
 
 
 @click.command()
@@ -87,21 +89,24 @@ def deploy(
 
     fleet = do.read_fleet(robots)
     results = []
-    cycle = CONTROL_PERIOD
+    cycle, needed = CONTROL_PERIOD, dict[str, bytes]()
     if fsm is not None:
         file = read_controller(fsm, flavour, lenient=lenient)
         with naming_header(fsm):
             cycle = control_period_of(file.header)
             _refuse_what_is_needed(without, file)
+        needed = needed_files(flavour_of(file.software.flavour))
     if not ends:
-        results += _shown(do.copy(fleet, fsm, timeout))
+        files = {} if fsm is None else {do.FSM: fsm.read_bytes(), **needed}
+        results += _shown(do.copy(fleet, files, timeout))
     left_out = [f"--without={device}" for device in without]
     if check and all(each.is_done for each in results):
         _check(fleet, timeout, left_out)
     if start and all(each.is_done for each in results):
-        given = {"duration": duration, "flavour": flavour}
+        given = {"duration": duration, "flavour": FLAVOUR_FILE if FLAVOUR_FILE in needed else flavour}
         options = [f"--{name}={value}" for name, value in given.items() if value is not None]
         options += ["--dry-run"] * dry_run + ["--lenient"] * lenient + left_out
+        options += [f"--plugin={PLUGINS}/{plugin.name}" for plugin in module_plugins(flavour_of(file.software.flavour))]
         _start(fleet, options, timeout, cycle)
     if stop:
         results += _shown(do.stop(fleet, timeout))

@@ -13,6 +13,7 @@ from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, r
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
 from mercator_design.modules.module import Module
+from mercator_design.plugins.registries import by_entries
 
 
 class _TransitionNames(NamedTuple):
@@ -100,6 +101,7 @@ def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
     return configuration
 
 
+@by_entries
 @functools.cache
 def _names(flavour: str) -> tuple[_StateNames, ...]:
     """The names of the grammar for each state."""
@@ -120,6 +122,7 @@ def _names(flavour: str) -> tuple[_StateNames, ...]:
     )
 
 
+@by_entries
 @functools.cache
 def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
     """The behaviours and the conditions of a flavour, by their numbers."""

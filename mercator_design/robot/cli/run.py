@@ -13,6 +13,8 @@ from mercator_design.robot.run.joint import AwaitedStart, ImmediateStart
 from mercator_design.robot.run.runner import Run
 from mercator_design.robot.run.runner import run as drive
 from mercator_design.robot.run.senses import why_device_is_needed
+from mercator_design.software.files import read_header
+from mercator_design.software.needed import load_beside
 
 
 @click.command()
@@ -51,11 +53,12 @@ def run(
     flavour: str | None,
     lenient: bool,
 ) -> None:
-    """Run the PFSM of an fsm.txt.
+    """Run the PFSM of an fsm.txt. Its flavour (flavour.yaml) and plugins (plugins/) may lie beside it.
 
     The robot stops when the duration is over, on Ctrl-C or another signal, and when something is wrong, for example: a
     sensor that the PFSM reads is silent, a port is lost, the battery is critical, a stop comes from the swarm.
     """
+    load_beside(fsm, read_header(fsm))
     file = read_controller(fsm, flavour, lenient=lenient)
     seed = secrets.randbits(32) if seed is None else seed
     path = new_file(log, "run", settings.name)

@@ -71,7 +71,8 @@ def run(
 def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], start: ImmediateStart) -> None:
     log, software, header = Log(path), what.file.software, what.file.header
     labels = settings.labels_of(header)
-    if header.get("control software", control_digest()) != control_digest():
+    digest = control_digest(pfsm.flavour)
+    if header.get("control software", digest) != digest:
         report(
             "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
         )
@@ -106,7 +107,7 @@ def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: Cl
         dry_run=what.is_dry,
         without=what.without,
         control_period=what.period,
-        control_software=control_digest(),
+        control_software=control_digest(pfsm.flavour),
         reference_model=settings.reference_model,
         facts=dict(facts),
     )

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
-from mercator_design.cli.options import DESIGN_FLAVOUR, SEED, SET
+from mercator_design.cli.options import SEED, SET
 from mercator_design.cli.races.common import method_option
 from mercator_design.command import print_message, print_result, warn
 from mercator_design.config.shipped import is_path
 from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
@@ -26,7 +27,13 @@ _TRIES = 3
 @click.argument("mission")
 @click.option("--budget", type=click.IntRange(1, MAX_BUDGET), required=True, help="Maximum number of experiments.")
 @SEED
-@DESIGN_FLAVOUR
+@click.option(
+    "--flavour",
+    metavar="NAME",
+    default=DEFAULT_FLAVOUR,
+    show_default=True,
+    help="Flavour to design with, of the service.",
+)
 @method_option(DEFAULT_METHOD)
 @click.option(
     "--test-runs",

@@ -87,7 +87,9 @@ def forms(found: FsmFile, simulator: Simulator | None = None, *, narrow: bool = 
     swarm = KnownSwarm(_CYCLE) if on is None else KnownSwarm(on[0].control_period, on[0].robots)
     return {
         "text": to_text(found.pfsm),
-        "file": fsm_file_text(found.pfsm, {} if simulator is None else header_of(simulator), found.names),
+        "file": fsm_file_text(
+            found.pfsm, {} if simulator is None else header_of(simulator, found.pfsm.flavour), found.names
+        ),
         "yaml": written,
         "structure": {key: value for key, value in plain(parse_yaml(written, FSM)).items() if key != "header"},
         "explanation": explanation(found.pfsm, found.names, swarm),
@@ -207,7 +209,7 @@ def new_design(machines: Machines) -> NewDesign:
     simulator, (fsm,) = machines.read()
     mission = simulator.mission
     return NewDesign(
-        fsm=fsm_file_text(fsm.pfsm, header_of(simulator), fsm.names),
+        fsm=fsm_file_text(fsm.pfsm, header_of(simulator, fsm.pfsm.flavour), fsm.names),
         mission=text_without_files(mission, simulator.robot_model),
         mission_name=mission.name,
         direction=mission.objective.direction,

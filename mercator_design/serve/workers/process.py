@@ -109,8 +109,7 @@ def _memory_of(process: int | None) -> int:
 
 def _main(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     """Compute functions until the service has ended."""
-    from mercator_design.missions.plugin_files import read_plugin
-    from mercator_design.missions.plugins import refuse_more, run_plugin
+    from mercator_design.plugins.loading import load_plugin, refuse_more
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_service, daemon=True).start()
@@ -120,7 +119,7 @@ def _main(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     problem = None
     try:
         for file in plugins:
-            run_plugin(read_plugin(Path(file)), file)
+            load_plugin(file)
     except MercatorError as error:
         problem = ServiceError(*(f"plugins: {message}" for message in error.messages))
     refuse_more("expected a plugin that serve.yaml names, found another one; it was not run")

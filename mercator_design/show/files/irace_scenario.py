@@ -13,10 +13,11 @@ from pathlib import Path
 
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.missions.plugins import loaded_plugins
 from mercator_design.modules.flavour import flavour_of
+from mercator_design.plugins.loading import loaded_plugins
 from mercator_design.race.irace import scenario_text
 from mercator_design.race.irace.parameters import parameters_text
+from mercator_design.software.needed import FLAVOUR_FILE
 from mercator_design.system.files import write_bytes, writing
 
 _RUNNER = """\
@@ -52,7 +53,8 @@ def write_irace_scenario(folder: Path, designer: Designer, *, jobs: int) -> None
         "parallel": jobs,
     }
     form = " --lenient" * (flavour_of(designer.flavour).architecture == "tree")  # switches have the form of 2018
-    runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=designer.flavour, form=form, plugins=plugins)
+    flavour = FLAVOUR_FILE if FLAVOUR_FILE in designer.files() else designer.flavour
+    runner = _RUNNER.format(python=shlex.quote(sys.executable), flavour=flavour, form=form, plugins=plugins)
     texts = {
         "scenario.txt": f"# {designer.name}, for irace 4.4 or mdesign tune\n{scenario_text.to_text(settings)}",
         "parameters.txt": parameters_text(designer.optimizer.space),

@@ -8,10 +8,10 @@ from typing import Any
 from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.missions.plugins import plugins
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import with_parameters
+from mercator_design.plugins.loading import plugins
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.task import RaceResult, Task
 from mercator_design.race.session.view import RaceView

@@ -14,8 +14,9 @@ import numpy as np
 from mercator_design.config.schema import Radians, values_in
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
-from mercator_design.missions.plugins import is_by_zones, is_ours
+from mercator_design.missions.plugins import is_by_zones
 from mercator_design.missions.zone_distance import border_points, distance_to
+from mercator_design.plugins.registries import is_ours
 from mercator_design.seeds import generator
 from mercator_design.sim.checks.reach import Reach, reach_of
 from mercator_design.sim.checks.score_range import TRACES, score_can_differ

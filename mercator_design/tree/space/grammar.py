@@ -14,6 +14,7 @@ from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.grammar import Chosen, GrammarParameter, Value, choices, module_parameters, numbers_text
 from mercator_design.modules.module import Module
+from mercator_design.plugins.registries import by_entries
 from mercator_design.tree.tree import Tree, TreeNode, action, condition, place_of
 
 
@@ -151,6 +152,7 @@ def from_branches(branches: Sequence[Branch], flavour: str) -> dict[str, Value]:
     return configuration
 
 
+@by_entries
 @functools.cache
 def _names(flavour: str) -> tuple[_BranchNames, ...]:
     """The names of the grammar for each branch."""
@@ -166,12 +168,14 @@ def _names(flavour: str) -> tuple[_BranchNames, ...]:
     )
 
 
+@by_entries
 @functools.cache
 def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
     """The behaviours and the conditions that a flavour designs with, by their numbers."""
     return flavour_of(flavour).designed("behaviour"), flavour_of(flavour).designed("condition")
 
 
+@by_entries
 @functools.cache
 def never_of(flavour: str) -> TreeNode | None:
     """A condition that never holds: the last one whose probability may be 0; None if there is none."""

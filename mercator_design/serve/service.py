@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
+from mercator_design.plugins.loading import snapshot
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.serve.accounts.accounts import Accounts
 from mercator_design.serve.designs import Designs
@@ -53,10 +54,12 @@ class Service:
             self.jobs = Operations(self.store, self.index, self.supervisor, settings.limits)
             ends.callback(self.supervisor.stop)
             self.workers = WorkerPool(
-                settings.workers, settings.worker_seconds, settings.worker_memory, settings.plugins, Path(empty)
+                settings.workers, settings.worker_seconds, settings.worker_memory, settings.extensions, Path(empty)
             )
             ends.callback(self.workers.close)
-            self.workers.check_plugins()
+            self.workers.check_extensions()
+            ends.callback(snapshot())
+            settings.extensions.load()
             self.supervisor.start()
             self._ends = ends.pop_all()
         return self

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from mercator_design.config.loading import read
 from mercator_design.config.schema import FilePath, Range
@@ -39,6 +39,29 @@ class UserLimits:
     free_disk: _Megabytes = 200  # below it, races pause [MB]
 
 
+class Extensions(NamedTuple):
+    """What the administrator has placed for all users."""
+
+    plugins: tuple[str, ...] = ()
+    flavours: tuple[str, ...] = ()
+
+    def load(self) -> None:
+        """Run the plugins, and enter the flavours, in this process.
+
+        Raises:
+            ServiceError: One cannot be read, or fails when it is run.
+        """
+        from mercator_design.modules.flavour import load_flavour
+        from mercator_design.plugins.loading import load_plugin
+
+        for key, files, load in (("plugins", self.plugins, load_plugin), ("flavours", self.flavours, load_flavour)):
+            try:
+                for file in files:
+                    load(file)
+            except MercatorError as error:
+                raise ServiceError(*(f"{key}: {message}" for message in error.messages)) from None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceSettings:
     """The contents of serve.yaml."""
@@ -52,10 +75,16 @@ class ServiceSettings:
     scheduler: str = ""  # address of a Dask scheduler, which runs the experiments
     plugins: tuple[
         Annotated[str, FilePath()], ...
-    ] = ()  # Python files with objectives and dynamics; they run as the service's user
+    ] = ()  # Python files, and folders of packages; they run as the service's user
+    packages: tuple[str, ...] = ()  # names of plugins of installed packages; the same
+    flavours: tuple[Annotated[str, FilePath()], ...] = ()  # files of flavours that users may choose, too
     hosts: tuple[str, ...] = ()  # further names by which browsers reach the service, as behind a proxy
     proxies: tuple[str, ...] = ("127.0.0.1", "::1")  # addresses or networks of the proxy, for --behind-proxy
     limits: UserLimits = UserLimits()
+
+    @property
+    def extensions(self) -> Extensions:
+        return Extensions((*self.plugins, *self.packages), self.flavours)
 
 
 def load_settings(folder: Path) -> ServiceSettings:

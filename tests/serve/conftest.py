@@ -68,7 +68,7 @@ class SharedPool:
     def __init__(self, pool):
         self.run = pool.run
 
-    def check_plugins(self):
+    def check_extensions(self):
         pass
 
     def close(self):
@@ -79,8 +79,8 @@ class SharedPool:
 def shared_workers(tmp_path_factory):
     """Services with the usual settings share one worker, slow to start; it has time on a busy machine."""
     usual = ServiceSettings()
-    limits = (usual.workers, usual.worker_seconds, usual.worker_memory, usual.plugins)
-    pool = WorkerPool(1, LIMIT, usual.worker_memory, usual.plugins, tmp_path_factory.mktemp("workers"))
+    limits = (usual.workers, usual.worker_seconds, usual.worker_memory, usual.extensions)
+    pool = WorkerPool(1, LIMIT, usual.worker_memory, usual.extensions, tmp_path_factory.mktemp("workers"))
 
     def pool_of(*given):
         return SharedPool(pool) if given[:-1] == limits else WorkerPool(*given)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mercator_design.errors import MissionError
-from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.settings import Extensions, ServiceError
 from mercator_design.serve.workers import pool as module
 from mercator_design.serve.workers.pool import Busy, WorkerPool
 from mercator_design.serve.workers.process import TooMuchWork
@@ -54,7 +54,7 @@ def unsendable():
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pool")
-    pool = WorkerPool(1, LIMIT, 2000, (), folder)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), folder)
     yield pool
     pool.close()
 
@@ -91,7 +91,7 @@ def test_a_worker_that_cannot_be_started_is_replaced(tmp_path, monkeypatch):
     def refused(_):
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
-    pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(SpawnProcess, "start", refused)
         with pytest.raises(ServiceError, match="a process for this cannot be started: Resource temporarily unavail"):
@@ -127,7 +127,7 @@ def test_busy(pool, monkeypatch):
 
 def test_a_user_leaves_a_worker_to_others(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_WAIT", 0.0)
-    pool = WorkerPool(3, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(3, LIMIT, 2000, Extensions(), tmp_path)
     with pool._worker("ann"), pool._worker("ann"):
         with pytest.raises(Busy), pool._worker("ann"):
             pass
@@ -163,7 +163,7 @@ class Crowd:
 
 
 def test_work_of_three_users_does_not_keep_a_fourth_waiting(tmp_path):
-    pool = WorkerPool(3, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(3, LIMIT, 2000, Extensions(), tmp_path)
     crowd = Crowd(pool)
     with pool._worker("bob"), pool._worker("carl"):
         with pool._worker("ann"):
@@ -176,7 +176,7 @@ def test_work_of_three_users_does_not_keep_a_fourth_waiting(tmp_path):
 
 
 def test_users_take_turns(tmp_path):
-    pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), tmp_path)
     crowd = Crowd(pool)
     with pool._worker("bob"):
         crowd.ask("ann", "ann", "ann", "bob", "bob", "carl")
@@ -185,7 +185,7 @@ def test_users_take_turns(tmp_path):
 
 
 def test_a_class_that_shares_a_user_is_served(tmp_path):
-    pool = WorkerPool(2, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(2, LIMIT, 2000, Extensions(), tmp_path)
     crowd = Crowd(pool)
     with pool._worker("class"):
         crowd.ask(*["class"] * 30)
@@ -195,7 +195,7 @@ def test_a_class_that_shares_a_user_is_served(tmp_path):
 
 def test_of_too_much_work_that_of_who_has_most_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_WAITING", 3)
-    pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), tmp_path)
     crowd = Crowd(pool)
     with pool._worker("bob"):
         crowd.ask("ann", "ann", "bob", "carl", "ann")
@@ -234,7 +234,7 @@ def is_there(process):
 
 
 def test_close_ends_work_and_processes(tmp_path):
-    pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), tmp_path)
     process, _ = pool.run(where)
     failed = []
 
@@ -255,7 +255,7 @@ def test_close_ends_work_and_processes(tmp_path):
 
 
 def test_a_pool_that_is_closed_starts_no_process(tmp_path):
-    pool = WorkerPool(1, LIMIT, 2000, (), tmp_path)
+    pool = WorkerPool(1, LIMIT, 2000, Extensions(), tmp_path)
     pool.close()
     with pytest.raises(ServiceError, match="the service ends"):
         pool.run(add, 1)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, print_message, print_result
+from mercator_design.command import FILE, FLAVOUR, print_message, print_result
 from mercator_design.errors import RobotError
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.conditions import ground_level
@@ -16,11 +16,12 @@ from mercator_design.software.architectures import part_names
 
 @click.command()
 @click.argument("log", type=FILE)
-def replay(log: Path) -> None:
+@FLAVOUR
+def replay(log: Path, flavour: str | None) -> None:  # noqa: ARG001 - it is loaded by now
     """Show the decision of every cycle of a run, from its log, which may still be written.
 
     The controller runs again on the readings and draws in the log; exit code 1 if a decision differs. Prints a
-    warning if the log has no end.
+    warning if the log has no end. Plugins, and a flavour that is not shipped, are given as for the run.
     """
     found = [*map(_show, decisions(log, lambda warning: print_message(f"{log}: {warning}")))]
     if differing := [*filter(None, found)]:

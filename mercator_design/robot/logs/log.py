@@ -46,6 +46,7 @@ from mercator_design.robot.logs.events import (
     to_json,
 )
 from mercator_design.software import Controller, architecture_of
+from mercator_design.software.needed import ready
 from mercator_design.system.files import sync_folder, writing
 
 SYNC_EVERY = 1.0
@@ -238,6 +239,7 @@ def controller_of(start: LogEvent) -> Controller:
         FsmError: if its control software is not valid.
     """
     assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
+    ready(start.header or {}, start.flavour, None, "the start of the log", None)
     software = architecture_of(start.flavour).parse(start.fsm, start.flavour, tolerate=lambda _: None)
     return Controller(software, start.reference_model)
 

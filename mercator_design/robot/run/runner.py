@@ -22,6 +22,7 @@ from mercator_design.robot.run.service import notify
 from mercator_design.software import Controller, text_of
 from mercator_design.software.digest import control_digest
 from mercator_design.software.files import FsmFile
+from mercator_design.software.needed import entries_of
 
 _LOGGED = ("position",)  # from which logs have the robot's way
 
@@ -71,7 +72,7 @@ def run(
 def _run(settings: Settings, what: Run, path: Path, report: Callable[[str], None], start: ImmediateStart) -> None:
     log, software, header = Log(path), what.file.software, what.file.header
     labels = settings.labels_of(header)
-    digest = control_digest(pfsm.flavour)
+    digest = control_digest(software.flavour)
     if header.get("control software", digest) != digest:
         report(
             "Warning: the PFSM was designed with another version of mercator_design; its modules may behave differently"
@@ -101,13 +102,13 @@ def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: Cl
         clock=clock,
         fsm=text_of(software),
         flavour=software.flavour,
-        header=dict(what.file.header),
+        header={**entries_of(software.flavour), **what.file.header},
         seed=what.seed,
         duration=what.duration,
         dry_run=what.is_dry,
         without=what.without,
         control_period=what.period,
-        control_software=control_digest(pfsm.flavour),
+        control_software=control_digest(software.flavour),
         reference_model=settings.reference_model,
         facts=dict(facts),
     )

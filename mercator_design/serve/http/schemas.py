@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
 from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
@@ -20,11 +20,20 @@ MAX_ID = 255
 """Maximum length of an id [characters]; a run folder of no job has its name as id."""
 
 if TYPE_CHECKING:
-    Flavour: TypeAlias = str
     Method: TypeAlias = str
     Order: TypeAlias = str
 else:  # the words of this package's tables
-    Flavour, Method, Order = Literal[flavour_names()], Literal[tuple(METHODS)], Literal[ORDERS]
+    Method, Order = Literal[tuple(METHODS)], Literal[ORDERS]
+
+
+def _known(flavour: str) -> str:
+    """A flavour of this service: a shipped one, or one that its administrator has placed."""
+    if flavour not in flavour_names():
+        raise ValueError(f"expected one of {', '.join(flavour_names())}")
+    return flavour
+
+
+Flavour = Annotated[str, AfterValidator(_known), Field(max_length=200)]
 Identity = Annotated[str, Field(max_length=MAX_ID)]
 MissionText = Annotated[str, Field(max_length=MAX_TEXT)]
 Override = Annotated[str, Field(max_length=2000)]

@@ -2,9 +2,11 @@
 
 import subprocess
 import sys
+from functools import cached_property
 from pathlib import Path
 
 from mercator_design.errors import printable
+from mercator_design.modules.flavour import load_flavour
 from mercator_design.results.provenance import PROVENANCE
 from mercator_design.serve.jobs.job import Job
 from mercator_design.serve.jobs.store import MISSION, OUTPUT, Store
@@ -43,6 +45,11 @@ class Launcher:
     def __init__(self, store: Store, settings: ServiceSettings, cores: int) -> None:
         self._store, self._settings, self._cores = store, settings, cores
 
+    @cached_property
+    def _flavours(self) -> dict[str, str]:
+        """The files of the flavours of the settings, by name."""
+        return {load_flavour(file).name: file for file in self._settings.flavours}
+
     def command(self, job: Job) -> list[str]:
         """The arguments of `mdesign`, in the data folder, that begin or resume the race of a job."""
         request, own = job.request, self._store.folder(job.id).relative_to(self._store.data)
@@ -50,13 +57,13 @@ class Launcher:
             what = ["--resume", job.id]
         else:
             what = [request.mission or str(own / MISSION), "-o", job.id, "--seed", str(request.seed)]
-            what += ["--flavour", request.flavour, "--method", request.method]
+            what += ["--flavour", self._flavours.get(request.flavour, request.flavour), "--method", request.method]
             what += [f"--set={one}" for one in request.set]
         command = ["race", *what, "--budget", str(request.budget), "--jobs", str(self._cores), "--quiet"]
         command += ["--test-runs", str(request.test_runs)]
         if self._settings.scheduler:
             command += ["--executor", "dask", "--scheduler", self._settings.scheduler]
-        return [*command, *(f"--plugin={file}" for file in self._settings.plugins)]
+        return [*command, *(f"--plugin={file}" for file in self._settings.extensions.plugins)]
 
     def __call__(self, job: Job) -> RaceProcess:
         """Start the process of a job, in the data folder: so no result says where that is.

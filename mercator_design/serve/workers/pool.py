@@ -4,14 +4,14 @@ import contextlib
 import os
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
-from mercator_design.serve.settings import MAX_WORKERS, ServiceError
+from mercator_design.serve.settings import MAX_WORKERS, Extensions, ServiceError
 from mercator_design.serve.turns import next_user
 from mercator_design.serve.workers.process import WorkerProcess
 
@@ -50,13 +50,13 @@ class WorkerPool:
         workers: Number of processes.
         seconds: Time limit of a task.
         megabytes: Memory limit of a worker.
-        plugins: Python files with objectives and dynamics, which the workers load.
+        extensions: Plugins and flavours, which the workers load.
         folder: An empty folder, in which the workers work.
     """
 
-    def __init__(self, workers: int, seconds: float, megabytes: int, plugins: Sequence[str], folder: Path) -> None:
+    def __init__(self, workers: int, seconds: float, megabytes: int, extensions: Extensions, folder: Path) -> None:
         self.seconds, self.megabytes = seconds, megabytes
-        self._plugins, self._folder = tuple(plugins), folder
+        self._extensions, self._folder = extensions, folder
         self._max_at_work = max(1, workers - 1)  # of a user
         self._lock = threading.Lock()
         self._waiting: list[_Waiting] = []  # in the order of their arrival
@@ -86,13 +86,13 @@ class WorkerPool:
             raise error
         return cast("R", result)
 
-    def check_plugins(self) -> None:
-        """Let a worker load the plugins.
+    def check_extensions(self) -> None:
+        """Let a worker load the plugins and flavours.
 
         Raises:
             ServiceError: One of them cannot be read, or fails when it is run.
         """
-        if self._plugins:
+        if any(self._extensions):
             self.run(os.getpid)  # any work starts a worker
 
     def close(self) -> None:
@@ -169,6 +169,6 @@ class WorkerPool:
 
     def _add(self) -> None:
         if not self._is_closed:
-            worker = WorkerProcess(self._plugins, self._folder)
+            worker = WorkerProcess(self._extensions, self._folder)
             self._all.add(worker)
             self._idle.append(worker)

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from mercator_design.errors import MercatorError, described
-from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.settings import Extensions, ServiceError
 from mercator_design.system.shortage import die_first
 
 _NICE = 5
@@ -30,8 +30,8 @@ class TooMuchWork(ServiceError):  # noqa: N818 - nothing is wrong with the servi
 class WorkerProcess:
     """A worker process; started by its first function."""
 
-    def __init__(self, plugins: tuple[str, ...], folder: Path) -> None:
-        self._plugins, self._folder = plugins, folder
+    def __init__(self, extensions: Extensions, folder: Path) -> None:
+        self._extensions, self._folder = extensions, folder
         self._process: multiprocessing.process.BaseProcess | None = None
         self._connection: Connection | None = None
         self._starting = threading.Lock()
@@ -73,7 +73,7 @@ class WorkerProcess:
                 ours, theirs = context.Pipe()
                 self._connection = ours
                 with theirs:
-                    arguments = (theirs, self._plugins, str(self._folder))
+                    arguments = (theirs, self._extensions, str(self._folder))
                     process = context.Process(target=_main, args=arguments, name="worker", daemon=True)
                     process.start()
             except OSError as error:  # for example, there are too many processes
@@ -107,9 +107,9 @@ def _memory_of(process: int | None) -> int:
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def _main(connection: Connection, plugins: Sequence[str], folder: str) -> None:
+def _main(connection: Connection, extensions: Extensions, folder: str) -> None:
     """Compute functions until the service has ended."""
-    from mercator_design.plugins.loading import load_plugin, refuse_more
+    from mercator_design.plugins.loading import refuse_more
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_service, daemon=True).start()
@@ -118,10 +118,9 @@ def _main(connection: Connection, plugins: Sequence[str], folder: str) -> None:
     os.chdir(folder)
     problem = None
     try:
-        for file in plugins:
-            load_plugin(file)
-    except MercatorError as error:
-        problem = ServiceError(*(f"plugins: {message}" for message in error.messages))
+        extensions.load()
+    except ServiceError as error:
+        problem = error
     refuse_more("expected a plugin that serve.yaml names, found another one; it was not run")
     with contextlib.suppress(EOFError, OSError):
         while True:

@@ -24,6 +24,10 @@ _ADVICE = (
     (r"Untyped global name '(\w+)'", r"a kernel can read global numbers and tuples of numbers, and not \1"),
     (r"NameError: name '(\w+)' is not defined|global name '(\w+)' is not defined", r"\1 is not defined"),
     (r"[Uu]ndefined variable '?(\w+)", r"give the variable a value on every way to this line"),
+    (
+        r"Can't unify return type",
+        "return the same kind of value on every way: a behaviour Actions, a condition a float",
+    ),
     (r"Cannot unify", "give the variable one type on every way: 1.0 is a float, 1 an integer, a tuple has one length"),
     (
         r"must not make arrays, lists or texts",

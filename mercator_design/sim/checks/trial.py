@@ -147,8 +147,9 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
             try:
                 plain = _plain(module, model, call, rows[0], seen)
             except Exception as error:  # noqa: BLE001 - whatever a user's function raises
+                kept = f" (it declares memory={module.memory})" * isinstance(error, IndexError)
                 problems.setdefault(
-                    "raises", f"{line_of(error) or place}{what}: {described(error)}, for {call.words(module)}"
+                    "raises", f"{line_of(error) or place}{what}: {described(error)}{kept}, for {call.words(module)}"
                 )
                 break
             for kind, words in _wrong(module, plain, rows[0]):

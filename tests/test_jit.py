@@ -310,7 +310,7 @@ def test_others_register_kernels_while_an_added_one_is_compiled(monkeypatch):
     """Who compiles holds numba's lock when it registers kernels: waiting for each other, no thread would go on."""
     functions = [lambda: None]
     monkeypatch.setattr(jit, "_waiting", [])  # which are others' in a process that has compiled nothing yet
-    added, registered = jit._Added(functions, 0, ()), threading.Event()
+    added, registered = jit._Added("test", functions, 0, ()), threading.Event()
 
     def address(entry, like):
         threading.Thread(target=lambda: (jit._missed(), registered.set()), daemon=True).start()

@@ -9,8 +9,8 @@ from PIL import Image as Pillow
 from mercator_design.cli.origin import origin_of
 from mercator_design.config import shipped
 from mercator_design.errors import MissionError
-from mercator_design.missions import plugins
 from mercator_design.missions.mission import load_mission
+from mercator_design.plugins import loading as plugins
 from mercator_design.race.session.journal import read
 from mercator_design.results.files import JOURNAL
 from tests.tiers import some
@@ -292,12 +292,12 @@ class TestPlugins:
         assert (code, err) == (3, f"Error: {folder}/fsm.txt: was designed with the plugin mine.py; {place}\n")
         shutil.copy(folder / "fsm.txt", tmp_path)
         code, _, err = mdesign_anew("evaluate", tmp_path / "fsm.txt", "-n", 2)
-        place = "give that file with --plugin, or --mission"
+        place = "give that plugin with --plugin, or --mission"
         assert (code, err) == (3, f"Error: {tmp_path}/fsm.txt: was designed with the plugin mine.py; {place}\n")
 
     @pytest.mark.parametrize("name", ["x" * 300, "mine\0.py", "..", "../mine.py"])
     def test_the_name_of_no_file(self, tmp_path, name):
         (tmp_path / "plugins").mkdir()
         (tmp_path / "mine.py").touch()
-        with pytest.raises(MissionError, match=r"fsm\.txt: was designed with the plugin .*; give that file with"):
+        with pytest.raises(MissionError, match=r"fsm\.txt: was designed with the plugin .*; give that plugin with"):
             origin_of(tmp_path / "fsm.txt", {"plugins": f"{name} 0123"}).check_loaded()

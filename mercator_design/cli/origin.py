@@ -1,6 +1,5 @@
 """The origin of a controller, from its header and its run folder."""
 
-import os
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from mercator_design.config.writing import digest_of
 from mercator_design.designer import Designer
 from mercator_design.errors import MercatorError, MissionError, excerpt
 from mercator_design.plugins.loading import loaded_plugins
+from mercator_design.plugins.sources import is_plugin
 from mercator_design.results import provenance
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.software.needed import plugins_in
@@ -43,7 +43,7 @@ class Origin:
         for name, digest in self.plugins():
             if name not in loaded:
                 copy = self.folder / "plugins" / name
-                is_there = Path(name).name == name and os.path.exists(copy)  # noqa: PTH110 - as in shipped.find
+                is_there = Path(name).name == name and is_plugin(copy)
                 advice = f"give --plugin {shlex.quote(str(copy))}" if is_there else "give that plugin with --plugin"
                 raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {advice}, or --mission")
             if loaded[name] != digest:

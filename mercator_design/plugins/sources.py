@@ -9,6 +9,7 @@ import hashlib
 import importlib.util
 import itertools
 import keyword
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -83,17 +84,18 @@ def read_plugin(name_or_path: str | Path) -> Plugin:
     """
     path = Path(name_or_path)
     text = str(name_or_path)
-    is_file = text.endswith(".py") or _is_there(path, "is_file") or _is_there(path / _INIT, "is_file")
-    if not is_file and re.fullmatch(r"[\w.-]*\w", text):
-        path = _installed(text, is_folder=_is_there(path, "is_dir"))
-    return _read_package(path) if _is_there(path, "is_dir") else _read_file(path)
+    if not (text.endswith(".py") or is_plugin(path)) and re.fullmatch(r"[\w.-]*\w", text):
+        path = _installed(text, is_folder=_is_folder(path))
+    return _read_package(path) if _is_folder(path) else _read_file(path)
 
 
-def _is_there(path: Path, test: str) -> bool:
-    try:
-        return bool(getattr(path, test)())
-    except (OSError, ValueError):  # a name that is too long, or has a NUL
-        return False
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path)  # noqa: PTH112 - which raises for names that cannot be
+
+
+def is_plugin(path: Path) -> bool:
+    """Whether there is a file or the folder of a package; the names of files that cannot be are those of none."""
+    return os.path.isfile(path) or os.path.isfile(path / _INIT)  # noqa: PTH113 - which raises for such names
 
 
 def _installed(name: str, *, is_folder: bool) -> Path:

@@ -3,6 +3,7 @@
 The header of a file names them with their digests. Another version is refused: it would mean something else.
 """
 
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.modules.flavour import Flavour, flavour_names, flavour_of, load_flavour
 from mercator_design.plugins.loading import load_plugin, loaded_plugins, plugin_of
-from mercator_design.plugins.sources import Plugin
+from mercator_design.plugins.sources import Plugin, is_plugin
 
 FLAVOUR_FILE, PLUGINS = "flavour.yaml", "plugins"
 """The file of a flavour and the folder of plugins beside an fsm.txt: in a run folder, and on a robot."""
@@ -62,7 +63,7 @@ def load_beside(file: Path, header: Mapping[str, str]) -> None:
     """
     for name, digest in plugins_in(header.get(MODULES, "")):
         place = file.parent / PLUGINS / name
-        if name not in loaded_plugins() and Path(name).name == name and place.exists():
+        if name not in loaded_plugins() and Path(name).name == name and is_plugin(place):
             load_plugin(place, digest)
 
 
@@ -84,9 +85,8 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
     loaded = loaded_plugins()
     for name, digest in plugins_in(header.get(MODULES, "")):
         if name not in loaded:
-            copy = next(
-                (one / PLUGINS / name for one in _places(file) if (one / PLUGINS / name).exists()), "that plugin"
-            )
+            copies = [one / PLUGINS / name for one in _places(file) if Path(name).name == name]
+            copy = next((shlex.quote(str(one)) for one in copies if is_plugin(one)), "with that plugin")
             raise FsmError(f"{label}: has modules of the plugin {excerpt(name)}; give --plugin {copy}")
         if loaded[name] != digest:
             raise FsmError(

@@ -659,7 +659,7 @@ class TestOnTheCommandLine:
         command += [*quick, "-o", "out", "--plugin", "my.py"]
         done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}\n" in done.stdout
+        assert f"  mdesign evaluate out/fsm.txt --plugin {shlex.quote(str(file.resolve()))}" in done.stdout
         measure = ["evaluate", "out/fsm.txt", "-n", 3, "-j", 1]
         code, _, error = mdesign(*measure)
         assert (code, error) == (

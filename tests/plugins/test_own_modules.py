@@ -278,7 +278,7 @@ class TestCommands:
     def test_refused(self, mdesign, elsewhere):
         explain = ("fsm", "explain", elsewhere / "fsm.txt")
         assert mdesign(*explain)[::2] == (
-            3, f"Error: {elsewhere}/fsm.txt: has modules of the plugin walls.py; give --plugin that plugin\n"
+            3, f"Error: {elsewhere}/fsm.txt: has modules of the plugin walls.py; give --plugin with that plugin\n"
         )  # fmt: skip
         (elsewhere / "walls.py").write_text(PLUGIN + "raise SystemExit('run!')\n")
         code, out, err = mdesign(*explain, "--plugin", elsewhere / "walls.py")

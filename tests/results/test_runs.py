@@ -26,8 +26,8 @@ from mercator_design.errors import RaceError
 from mercator_design.fsm import parse
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.text import to_text
-from mercator_design.missions import plugins
 from mercator_design.modules.flavour import flavour_of
+from mercator_design.plugins import loading as plugins
 from mercator_design.race.analysis.ablation import Step
 from mercator_design.race.elimination.summary import Elite, Progress
 from mercator_design.race.session import events

@@ -163,7 +163,8 @@ class TestFiles:
         (tmp_path / "pack" / "side.py").write_text("y = 1\n")
         plugin = read_plugin(tmp_path / "my.py")
         assert set(plugin.files) == {
-            "my.py", "helper.py", "last.py", "pack/__init__.py", "pack/inner/__init__.py", "pack/inner/deep.py", "pack/side.py",
+            "my.py",
+            "helper.py", "last.py", "pack/__init__.py", "pack/inner/__init__.py", "pack/inner/deep.py", "pack/side.py",
         }  # fmt: skip
         (tmp_path / "other.py").write_text("x = 2")
         assert read_plugin(tmp_path / "my.py").digest == plugin.digest

@@ -25,7 +25,7 @@ import glob, shutil
 assert all(map(os.path.isabs, (*sources, target)))  # whatever else might be a host, or an option
 for source in sources:
     for file in glob.glob(source):
-        if os.path.isdir(file) and {"-r", "-rp"} & {*options}:
+        if os.path.isdir(file) and ("-r" in options or "-rp" in options):
             shutil.copytree(file, os.path.join(target, os.path.basename(file)), dirs_exist_ok=True)
         else:
             shutil.copy(file, target)

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from mercator_design.modules.flavour import enter_flavour, flavour_of, snapshot
+from mercator_design.modules.flavour import enter_flavour, flavour_of
+from mercator_design.plugins.loading import snapshot
 
 
 @pytest.fixture

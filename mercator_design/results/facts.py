@@ -173,7 +173,8 @@ class Facts:
     @property
     def parts(self) -> str:
         """The word for the parts of a configuration: modules or parameters."""
-        return "modules" if self.start["task"] == "mission" else "parameters"
+        is_of_pfsms = self.best is not None and self.pfsm(self.best) is not None
+        return "modules" if is_of_pfsms else "parameters"
 
     @property
     def score_name(self) -> str:

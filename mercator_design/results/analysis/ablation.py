@@ -13,6 +13,7 @@ from typing import Any
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.race import Configuration, Experiment
 from mercator_design.race.analysis.ablation import Flips, Step, ablate
 from mercator_design.race.executors.executor import Executor, in_order
@@ -80,7 +81,7 @@ def race_ablation(
         start = record.view.iterations[0].elites[0]
     if start is not None and start not in record.configurations:
         raise RaceError(f"{path}: expected a configuration that was raced, found {start}")
-    if start is None and not isinstance(task, Designer):
+    if start is None and not (isinstance(task, Designer) and flavour_of(task.flavour).architecture == "pfsm"):
         raise RaceError(f"{path}: the winner is not a PFSM: give --from CONFIGURATION or --from-first")
     task.prepare(announce)
     if task.evaluate is not None:

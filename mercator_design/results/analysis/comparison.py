@@ -1,8 +1,8 @@
 """The comparison of a race's winner with others on fresh instances: those on which the winner was tested.
 
-The others are the runner-up, random PFSMs (another on each instance), and PFSMs of one state, the simplest ones. Their
-experiments do not count towards the budget; random PFSMs depend on the race's seed alone. The results are kept in the
-run folder.
+The others are the runner-up, random control software of the flavour (another on each instance), and PFSMs of one state,
+the simplest ones, if PFSMs were raced. Their experiments do not count towards the budget; the random ones depend on the
+race's seed alone. The results are kept in the run folder.
 """
 
 import json
@@ -17,8 +17,7 @@ from mercator_design.config.writing import plain
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm, State
-from mercator_design.fsm.space.grammar import to_pfsm
-from mercator_design.fsm.text import to_text
+from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.race.analysis.pairs import Pair, compared
@@ -27,22 +26,24 @@ from mercator_design.race.session.events import Number
 from mercator_design.race.session.record import Record
 from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.seeds import generator
+from mercator_design.software.architectures import architecture_of, decoded, text_of
 from mercator_design.system.files import write_text, writing
 
 COMPARISON = "comparison.json"
 TEST_RUNS = 30
 """Number of fresh instances on which the winner of a race is tested, and others with it, by default."""
-RUNNER_UP, RANDOM, ALONE = "runner-up", "random PFSMs", " alone"
-"""Names of contestants; that of a PFSM of one state is its behaviour with `ALONE`."""
+RUNNER_UP, RANDOM, ALONE = "runner-up", "random {}s", " alone"
+"""Names of contestants, the second with the noun of the architecture; that of a PFSM of one state is its behaviour with
+`ALONE`."""
 MAX_OTHERS = 50
 """Maximum number of instances on which the others run; the first of those of the winner."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contestant:
-    """A contestant of the comparison: the winner, or a PFSM that it is compared with.
+    """A contestant of the comparison: the winner, or control software that it is compared with.
 
-    fsm: Its text; empty if each instance has a PFSM of its own.
+    fsm: Its text; empty if each instance has another one.
     scores: On the instances, in their order; those of the others may be fewer.
     """
 
@@ -80,7 +81,7 @@ def winner_tests(record: Record) -> dict[int, float]:
 
 def n_compared(flavour: str, runs: int) -> int:
     """The number of experiments of the others, at most, if the winner was tested on a number of instances."""
-    return (2 + len(flavour_of(flavour).numbers_of("behaviour"))) * min(runs, MAX_OTHERS)
+    return (2 + len(_alone(flavour))) * min(runs, MAX_OTHERS)
 
 
 def read_comparison(folder: Path, record: Record) -> WinnerComparison | None:
@@ -137,11 +138,11 @@ def compare_winner(
         journal=record.ends[-1].digest,
         seeds=tuple(tests),
         contestants=(
-            Contestant(name=name, fsm=to_text(winner), scores=tuple(tests.values())),
+            Contestant(name=name, fsm=text_of(winner), scores=tuple(tests.values())),
             *(
                 Contestant(
                     name=name,
-                    fsm="" if name == RANDOM else to_text(pfsms[0]),
+                    fsm="" if name == _random_name(designer.flavour) else text_of(pfsms[0]),
                     scores=tuple(scores[k * n : (k + 1) * n]),
                 )
                 for k, (name, pfsms) in enumerate(others)
@@ -153,26 +154,36 @@ def compare_winner(
     return comparison
 
 
-def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, list[Pfsm]]:
-    """The PFSM of each contestant on each instance, by the contestant's name; the winner first."""
+def _contestants(designer: Designer, record: Record, runs: int) -> dict[str, list[Software]]:
+    """The control software of each contestant on each instance, by the contestant's name; the winner first."""
     flavour, space = designer.flavour, designer.optimizer.space
     draws = generator(designer.optimizer.seed, "comparison, random PFSMs")
 
-    def random() -> Pfsm:
+    def random() -> Software:
         drawn = space.build(lambda parameter, bounds: parameter.quantile(float(draws.random()), bounds))
-        return to_pfsm(drawn, flavour)
+        return decoded(drawn, flavour)
 
     winner = record.ends[-1].winner
     others = [number for one in reversed(record.view.iterations) for number in one.elites if number != winner]
     raced = {"winner": winner, **({RUNNER_UP: others[0]} if others else {})}
     return {
-        **{name: [to_pfsm(record.configurations[number], flavour)] * runs for name, number in raced.items()},
-        RANDOM: [random() for _ in range(runs)],
+        **{name: [decoded(record.configurations[number], flavour)] * runs for name, number in raced.items()},
+        _random_name(flavour): [random() for _ in range(runs)],
         **{
             behaviour.name.replace("_", " ") + ALONE: [_one_state(behaviour, flavour)] * runs
-            for behaviour in flavour_of(flavour).numbered("behaviour").values()
+            for behaviour in _alone(flavour)
         },
     }
+
+
+def _random_name(flavour: str) -> str:
+    return RANDOM.format(architecture_of(flavour).noun)
+
+
+def _alone(flavour: str) -> list[Module]:
+    """The behaviours of which there are PFSMs of one state."""
+    given = flavour_of(flavour)
+    return [*given.numbered("behaviour").values()] if given.architecture == "pfsm" else []
 
 
 def _one_state(behaviour: Module, flavour: str) -> Pfsm:

@@ -10,6 +10,7 @@ from typing import Any
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.fsm.space.grammar import to_pfsm
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.race import Space, integer
 from mercator_design.race.analysis.importance import Explanation, explain
 from mercator_design.race.session.task import Task
@@ -37,10 +38,15 @@ def race_importance(path: Path, *, modules: bool | None = None, seed: int = 1) -
         costs[one.configuration][one.instance] = math.inf if one.score is None else task.cost(one.score)
     space = task.optimizer.space
     if modules is None:
-        modules = isinstance(task, Designer)
+        modules = _has_modules(task)
     if modules:
-        if not isinstance(task, Designer):
+        if not (isinstance(task, Designer) and _has_modules(task)):
             raise RaceError(f"{path}: expected a race of PFSMs, whose modules can be counted, found another")
         space = Space([integer(name, 0, number) for name, number in max_modules(task.flavour).items()])
         configurations = [dict(module_counts(to_pfsm(one, task.flavour))) for one in configurations]
     return task, explain(space, configurations, [costs[number] for number in numbers], seed=seed)
+
+
+def _has_modules(task: Task[Any]) -> bool:
+    """Whether PFSMs were raced, whose modules are counted."""
+    return isinstance(task, Designer) and flavour_of(task.flavour).architecture == "pfsm"

@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
-from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.space.grammar import to_pfsm
 from mercator_design.results.files import check_configurations, read_journal, task_of
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import decoded
 
 _MISSION = ("mission_digest", "robot_model_digest")
 """The keys of a start that are equal in races for the same mission and robots."""
 
 
-def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
+def winners(folders: Sequence[Path]) -> tuple[dict[str, Any], Simulator]:
     """The winner of each race by the name of its run folder, and the simulator of their mission.
 
     Raises:
@@ -22,7 +22,7 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
         MissionError: The mission, robot model or plugins cannot be read.
     """
     first: Designer | None = None
-    found: dict[str, Pfsm] = {}
+    found: dict[str, Any] = {}  # control software of any architecture
     for folder in folders:
         record = read_journal(folder).record
         if (winner := record.view.winner) is None:
@@ -38,7 +38,7 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Pfsm], Simulator]:
                 "instances, found others"
             )
         check_configurations(folder, record, task.optimizer.space)
-        found[str(folder)] = to_pfsm(record.configurations[winner], task.flavour)
+        found[str(folder)] = decoded(record.configurations[winner], task.flavour)
     if first is None:
         raise RaceError("expected races, found none")
     return found, first.simulator

@@ -47,14 +47,14 @@ class WinnerRuns(NamedTuple):
 def run_again(facts: Facts) -> WinnerRuns:
     """The winner's runs that a report shows, simulated again; none before the race has ended."""
     runs = chosen_runs(facts) if facts.view.is_complete else []
-    designer, pfsm = facts.designer, None if facts.best is None else facts.pfsm(facts.best)
-    if designer is None or pfsm is None:
+    designer, software = facts.designer, None if facts.best is None else facts.software(facts.best)
+    if designer is None or software is None:
         return WinnerRuns(runs)
     found = []
     for run in runs:
         title = f"{run.name} run: score {0.0 + run.score:.4g}, instance {run.seed}"
         try:
-            experiment = ShownExperiment.simulated(designer.simulator, pfsm, run.seed, title=title)
+            experiment = ShownExperiment.simulated(designer.simulator, software, run.seed, title=title)
         except MercatorError as error:
             return WinnerRuns(runs, problem=error.messages[0])
         if experiment.score != run.score:

@@ -7,6 +7,7 @@ from mercator_design.fsm.text import to_text
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import Software
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words
 from mercator_design.race.elimination.summary import CONFIDENCE, Headline
@@ -15,10 +16,12 @@ from mercator_design.results.analysis.occupancy import occupancy
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
 from mercator_design.show.machines.diagram import diagram_svg
+from mercator_design.show.machines.picture import software_svg
 from mercator_design.show.markup import escaped
 from mercator_design.show.report.comparison import verdict
 from mercator_design.show.report.markup import Html, command, facts_list, figure, folded, note, section, text
 from mercator_design.sim.checks.lint import lint
+from mercator_design.software.architectures import architecture_of, text_of
 
 
 def answer(facts: Facts, comparison: WinnerComparison | None, traces: Sequence[Trace]) -> Html:
@@ -54,6 +57,9 @@ def _score(facts: Facts, headline: Headline, comparison: WinnerComparison | None
 
 def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     pfsm = facts.pfsm(best)
+    software = facts.software(best)
+    if pfsm is None and software is not None:
+        return _other(facts, best, software)
     if pfsm is None:
         values = facts.record.configurations[best]
         line = command(facts.task.optimizer.space.command_line(values), "winner") if facts.task is not None else ""
@@ -69,6 +75,18 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     measured = occupancy(traces, len(pfsm.states)) if traces else None
     diagram = figure(diagram_svg(pfsm, measured=measured), caption)
     return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))
+
+
+def _other(facts: Facts, best: int, software: Software) -> Html:
+    """Control software that is no PFSM, as a picture and in words."""
+    architecture = architecture_of(software.flavour)
+    caption = f"Configuration {best} as a {architecture.noun}: {software.summary}."
+    found: str = figure(software_svg(software), caption)
+    if facts.mission is not None:
+        swarm = KnownSwarm(facts.mission.control_period, facts.mission.robots)
+        words = architecture.explanation(software, architecture.names(software), swarm)
+        found += folded("All of it in words", text(words))
+    return Html(found + command(text_of(software), "winner"))
 
 
 def _words(facts: Facts, pfsm: Pfsm) -> Html:

@@ -62,10 +62,10 @@ def _fresh(facts: Facts, comparison: WinnerComparison) -> Html:
     n, fewer = len(comparison.seeds), len(comparison.contestants[1].scores)
     where = f"{n} fresh instance{'s' * (n != 1)}" + (f" (the others on the first {fewer})" if fewer < n else "")
     caption = (
-        f"The winner on {where}, against the runner-up, random PFSMs (another one on each instance) and PFSMs of one "
-        f"state: mean, interval of {CONFIDENCE:.0%} by Student's t, without what is impossible, single runs. p: of no "
-        "difference from the winner, by paired t-tests with Holm's correction. These runs do not count towards the "
-        "budget."
+        f"The winner on {where}, against the runner-up, random control software (another one on each instance) and, "
+        f"if PFSMs were raced, PFSMs of one state: mean, interval of {CONFIDENCE:.0%} by Student's t, without what is "
+        "impossible, single runs. p: of no difference from the winner, by paired t-tests with Holm's correction. These "
+        "runs do not count towards the budget."
     )
     chart = figure(interval_chart(dots, Axis(facts.score_name)), caption)
     return Html(

@@ -119,7 +119,7 @@ def _elites(facts: Facts) -> Html:
         for one, row in zip(numbers, made_of, strict=True)
     ]
     chart = parallel_chart(axes, threads, Axis("iteration that found it", low=1, high=last))
-    what = "how many of each module they have" if facts.start["task"] == "mission" else "their parameters"
+    what = "how many of each module they have" if facts.parts == "modules" else "their parameters"
     caption = (
         f"The {len(numbers)} elites of all iterations, a line each: their mean in the race, and {what}, where they "
         "differ."

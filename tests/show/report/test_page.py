@@ -393,7 +393,7 @@ class TestComparison:
     def test_what_it_says_depends_on_the_direction(self, facts):
         runs = tuple(range(8))
         higher = tuple(value + 5.0 + 0.1 * (value % 3) for value in runs)
-        rows = [("winner", runs), (RANDOM, higher), (f"stop{ALONE}", runs)]
+        rows = [("winner", runs), (RANDOM.format("PFSM"), higher), (f"stop{ALONE}", runs)]
         contestants = tuple(Contestant(name=name, fsm="", scores=scores) for name, scores in rows)
         made = WinnerComparison(journal="", seeds=runs, contestants=contestants)
         begin, alike = "On the same fresh instances,", "it is not distinguishable from every PFSM of one state"

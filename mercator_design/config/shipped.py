@@ -30,7 +30,7 @@ def flavours() -> dict[str, Traversable]:
     packaged = files(PACKAGE.name).joinpath("scenarios")
     folder = packaged if packaged.is_dir() else _folder()
     found = [one for one in folder.joinpath("flavours").iterdir() if one.name.endswith(".yaml")]
-    return {one.name.removesuffix(".yaml"): one for one in sorted(found, key=lambda one: one.name)}
+    return dict(sorted((one.name.removesuffix(".yaml"), one) for one in found))
 
 
 def find(name_or_path: str | Path, shipped: Mapping[str, Path], kind: str) -> Path:

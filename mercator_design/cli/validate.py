@@ -13,6 +13,7 @@ from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
 from mercator_design.errors import FsmError, MissionError, printable
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.plugins.registries import is_ours
@@ -20,6 +21,7 @@ from mercator_design.robot.devices.settings import Settings
 from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
+from mercator_design.software.architectures import architecture_of
 
 _TRIED = 100  # cycles in which functions of plugins are tried
 
@@ -87,8 +89,11 @@ def _functions(mission: Mission) -> list[Callable[..., Any]]:
 
 
 def _described(file: Path, flavour: str | None, lenient: bool) -> str:
-    """Describe the PFSM of a file in a few words."""
-    pfsm = read_controller(file, flavour, lenient=lenient).pfsm
+    """Describe the control software of a file in a few words."""
+    found = read_controller(file, flavour, lenient=lenient)
+    if not isinstance(found.software, Pfsm):
+        return f"valid {architecture_of(found.software.flavour).noun}: {found.software.summary}"
+    pfsm = found.software
     transitions = sum(len(state.transitions) for state in pfsm.states)
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
 

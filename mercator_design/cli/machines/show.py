@@ -27,12 +27,13 @@ _FORMATS: Mapping[str, Callable[[FsmFile], str]] = {
     "dot": lambda file: notation_text("dot", file.software, file.names),
     "mermaid": lambda file: notation_text("mermaid", file.software, file.names),
     "tikz": lambda file: notation_text("tikz", file.software, file.names),
+    "genome": lambda file: notation_text("genome", file.software, file.names),
     "yaml": fsm_yaml_text,
     "text": lambda file: fsm_file_text(file.software, file.header, file.names),
 }
 _SUFFIXES = {
     ".svg": "svg", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid", ".tex": "tikz", ".yaml": "yaml", ".yml": "yaml",
-    ".txt": "text",
+    ".txt": "text", ".genome": "genome",
 }  # fmt: skip
 
 
@@ -63,6 +64,7 @@ def show(
     """Draw a PFSM as SVG, or write it as Graphviz text, Mermaid, TikZ, fsm.yaml or fsm.txt.
 
     fsm.yaml and fsm.txt hold the same: `mdesign fsm show fsm.txt -o fsm.yaml` makes one of the other, without loss.
+    A network is drawn, or written as a genome (NEAT's file).
 
     With --mission, the picture has the share of time that robots are in each state, and how often each of them changes
     from one state to another, in experiments on fresh instances.

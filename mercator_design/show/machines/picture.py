@@ -6,6 +6,7 @@ from typing import Any
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.modules.architecture import Software
+from mercator_design.network.genome import Genome, genome_text
 from mercator_design.network.network import Network
 from mercator_design.show.machines.diagram import diagram_svg
 from mercator_design.show.machines.network_diagram import network_svg
@@ -25,6 +26,7 @@ NOTATIONS: Mapping[type, Mapping[str, Callable[[Any, tuple[str, ...]], str]]] = 
         "mermaid": lambda tree, _: tree_to_mermaid(tree),
         "tikz": lambda tree, _: tree_to_tikz(tree),
     },
+    Network: {"genome": lambda network, _: genome_text(Genome(network=network))},
 }
 """`notation(software, names)`: a text for another program, by the class of control software and the notation's name."""
 

@@ -24,6 +24,8 @@ from mercator_design.modules.perception import (
     proximity_weight,
 )
 from mercator_design.modules.reference import ACTIONS, SCRATCH, NonNegative, ReferenceModel
+from mercator_design.network.control import activate, network_cycle
+from mercator_design.network.inputs import fill_inputs, gray_sample
 from mercator_design.sim.simulate import tables_of
 from mercator_design.software import Controller
 from tests.fsm.strategies import DRAW, DRAWS, READINGS, pfsms, values
@@ -230,6 +232,10 @@ KERNELS = [
     neighbours_in_hits,
     logistic,
     colour_label,
+    network_cycle,
+    activate,
+    fill_inputs,
+    gray_sample,
 ]
 
 

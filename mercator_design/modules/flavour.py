@@ -69,14 +69,15 @@ def _limits_are_known(architecture: str, limits: Mapping[str, int] | None) -> It
 def _designed_are_modules(
     architecture: str,
     not_designed: tuple[str, ...],
-    behaviours: Mapping[str, int],
+    behaviours: Mapping[str, int] | None,
     conditions: Mapping[str, int] | None,
 ) -> Iterator[FieldError]:
+    if not_designed and architecture != "tree":
+        yield FieldError("not_designed", "expected none: only trees may have modules that are not designed with")
     for k, name in enumerate(not_designed):
-        if name not in {**behaviours, **(conditions or {})}:
-            yield FieldError(
-                f"not_designed[{k}]", f"expected a behaviour or a condition of this flavour, found '{name}'"
-            )
+        if name not in {**(behaviours or {}), **(conditions or {})}:
+            expected = f"expected a behaviour or a condition of this flavour, found '{name}'"
+            yield FieldError(f"not_designed[{k}]", expected)
     if behaviours and {*behaviours} <= {*not_designed}:
         yield FieldError("not_designed", "expected one behaviour at least that is designed, found none")
     if architecture == "tree" and {*(conditions or {})} <= {*not_designed}:
@@ -112,7 +113,7 @@ class Flavour(FromFile):
     )
     behaviours: Mapping[str, Number] | None = None  # name of each -> its number in texts
     conditions: Mapping[str, Number] | None = None  # the same of conditions
-    not_designed: tuple[str, ...] = ()  # modules that texts may have, but designs do not
+    not_designed: tuple[str, ...] = ()  # modules that texts of trees may have, but designs do not
     constants: Mapping[str, Constant] | None = None  # of the reference model, instead of the robot's
 
     def __post_init__(self) -> None:

@@ -199,6 +199,8 @@ def test_moves_reach_every_number_of_branches_and_every_module():
         ({"conditions": {}, "not_designed": ()}, "conditions: expected one condition at least that trees are designed"),
         ({"not_designed": ("stop", "jump")}, r"not_designed\[1\]: expected a behaviour or a condition .* found 'jump'"),
         ({"not_designed": tuple(flavour_of("maple").behaviours)}, "not_designed: expected one behaviour at least"),
+        ({"architecture": "pfsm", "limits": {}}, "not_designed: expected none: only trees"),
+        ({"behaviours": None}, r"not_designed\[0\]: expected a behaviour or a condition of this flavour"),
         ({"limits": {"states": 4}}, "limits.states: expected one of branches, conditions"),
     ],
 )

@@ -153,6 +153,7 @@ def from_branches(branches: Sequence[Branch], flavour: str) -> dict[str, Value]:
 
 
 @by_entries
+@by_entries
 @functools.cache
 def _names(flavour: str) -> tuple[_BranchNames, ...]:
     """The names of the grammar for each branch."""
@@ -169,12 +170,14 @@ def _names(flavour: str) -> tuple[_BranchNames, ...]:
 
 
 @by_entries
+@by_entries
 @functools.cache
 def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
     """The behaviours and the conditions that a flavour designs with, by their numbers."""
     return flavour_of(flavour).designed("behaviour"), flavour_of(flavour).designed("condition")
 
 
+@by_entries
 @by_entries
 @functools.cache
 def never_of(flavour: str) -> TreeNode | None:

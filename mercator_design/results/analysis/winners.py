@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
+from mercator_design.modules.architecture import Software
 from mercator_design.results.files import check_configurations, read_journal, task_of
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import decoded
@@ -14,7 +14,7 @@ _MISSION = ("mission_digest", "robot_model_digest")
 """The keys of a start that are equal in races for the same mission and robots."""
 
 
-def winners(folders: Sequence[Path]) -> tuple[dict[str, Any], Simulator]:
+def winners(folders: Sequence[Path]) -> tuple[dict[str, Software], Simulator]:
     """The winner of each race by the name of its run folder, and the simulator of their mission.
 
     Raises:
@@ -22,7 +22,7 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Any], Simulator]:
         MissionError: The mission, robot model or plugins cannot be read.
     """
     first: Designer | None = None
-    found: dict[str, Any] = {}  # control software of any architecture
+    found: dict[str, Software] = {}
     for folder in folders:
         record = read_journal(folder).record
         if (winner := record.view.winner) is None:

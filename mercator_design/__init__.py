@@ -27,6 +27,8 @@ _PLACES = {
     "evaluate": "api:evaluate",
     "fresh_instances": "api:fresh_instances",
     "load_mission": "missions.mission:load_mission",
+    "load_flavour": "modules.flavour:load_flavour",
+    "load_plugin": "plugins.loading:load_plugin",
     "load_robot_model": "sim.robot_model:load_robot_model",
     "parse_fsm": "fsm.text:parse",
     "race": "race",

@@ -5,6 +5,8 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import parse as parse_fsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.flavour import load_flavour
+from mercator_design.plugins.loading import load_plugin
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.software.files import read_fsm
@@ -23,7 +25,9 @@ __all__ = [
     "design",
     "evaluate",
     "fresh_instances",
+    "load_flavour",
     "load_mission",
+    "load_plugin",
     "load_robot_model",
     "parse_fsm",
     "race",

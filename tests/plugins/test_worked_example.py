@@ -1,0 +1,121 @@
+"""The tutorial's behaviour, condition and flavour: raced, replayed, bundled, run on a twin; and from a wheel."""
+
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from mercator_design.fleet.bundle import bundle
+from mercator_design.missions.mission import load_mission
+from mercator_design.modules.flavour import load_flavour
+from mercator_design.modules.reference import Readings
+from mercator_design.plugins.loading import load_plugin
+from mercator_design.robot.logs.log import replay
+from mercator_design.sim.simulate import Simulator
+from mercator_design.software.controller import Controller
+from mercator_design.software.files import fsm_file_text, read_fsm
+from tests.plugins.walls import FLAVOUR, LINE, PLUGIN, write
+from tests.processes import LIMIT
+from tests.robot.ways import in_time
+from tests.twin.processes import twin
+
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("registries")]
+WHEEL = {
+    "own_walls-1.dist-info/METADATA": "Metadata-Version: 2.1\nName: own-walls\nVersion: 1\n",
+    "own_walls-1.dist-info/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    "own_walls-1.dist-info/entry_points.txt": "[mercator_design.plugins]\nwalls = own_walls\n",
+    "own_walls/__init__.py": "from own_walls.modules import wall_near\n",
+    "own_walls/modules.py": PLUGIN,
+    "own_walls/flavours/walls.yaml": FLAVOUR,
+}
+QUICK = ("--budget", "60", "--set", "robots=2", "--set", "duration=2", "-j", "1", "-o", "out")
+
+
+def mdesign(folder, *arguments):
+    command = [sys.executable, "-m", "mercator_design", *map(str, arguments)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def raced(folder, plugin, flavour):
+    """Race, evaluate, replay, explain; the run folder and its copies suffice."""
+    mdesign(folder, "race", "aggregation", "--flavour", flavour, "--plugin", plugin, *QUICK)
+    copy = next(path for path in sorted((folder / "out" / "plugins").iterdir()))
+    scores = mdesign(folder, "evaluate", "out/fsm.txt", "-n", 2, "-j", 1, "--json", "--plugin", copy)
+    assert mdesign(folder, "evaluate", "out/fsm.txt", "-n", 2, "-j", 1, "--json", "--plugin", plugin) == scores
+    mdesign(folder, "replay", "out/fsm.txt", "--plugin", plugin, "-o", "replay.html")
+    assert (folder / "replay.html").stat().st_size > 10_000
+    mdesign(folder, "race", "--resume", "out", "--budget", 70, "-j", 1)
+
+
+@pytest.mark.timing
+def test_from_a_race_to_a_twin(tmp_path):
+    in_time(lambda number: from_a_race_to_a_twin(tmp_path / str(number)))
+
+
+def from_a_race_to_a_twin(folder):
+    folder.mkdir()
+    write(folder)
+    raced(folder, "walls.py", "walls.yaml")
+    load_plugin(folder / "walls.py")
+    load_flavour(str(folder / "walls.yaml"))
+    (folder / "line.txt").write_text(LINE)
+    own = read_fsm(folder / "line.txt", "walls").software
+    (folder / "out" / "fsm.txt").write_text(fsm_file_text(own, {}))  # the winner may have no state of the plugin
+    program = folder / "mercator-robot.pyz"
+    program.write_bytes(bundle())
+    with twin(folder, 1):
+        command = [sys.executable, program, "run", "out/fsm.txt", "--robot", "0/robot.yaml", "--duration", "1.5"]
+        command += ["--seed", "1", "-o", "log.jsonl"]
+        done = subprocess.run(
+            [*map(str, command)], cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    decisions = [decision for _, decision in replay(folder / "log.jsonl")]
+    assert len(decisions) >= 10
+    assert not any(decision.differs for decision in decisions)
+    assert decisions[0].actions.right == 0.6  # it turns right to find a wall
+
+
+def test_robots_decide_as_the_simulator(tmp_path):
+    """From the readings and draws of a simulation, plain Python goes through the same states, with the same wheels."""
+    write(tmp_path)
+    load_plugin(tmp_path / "walls.py")
+    load_flavour(str(tmp_path / "walls.yaml"))
+    (tmp_path / "line.txt").write_text(LINE)
+    own = read_fsm(tmp_path / "line.txt", "walls").software
+    mission = load_mission("aggregation", ["robots=4", "duration=60"])
+    history = Simulator(mission).run(own, 3, record=True).history
+    visited = set()
+    for robot in range(4):
+        controller = Controller(own)
+        for cycle, (readings, draws) in enumerate(
+            zip(history.readings[:, robot], history.draws[:, robot], strict=True)
+        ):
+            assert controller.state == history.states[cycle, robot]
+            actions = controller.step(Readings(*readings.tolist()), draws.tolist())
+            assert np.array_equal([actions.left, actions.right], history.wheels[cycle, robot])
+            visited.add(controller.state)
+    assert visited == {0, 1}
+
+
+def test_from_a_wheel(tmp_path, monkeypatch):
+    wheel = tmp_path / "own_walls-1-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name, text in WHEEL.items():
+            archive.writestr(name, text)
+        record = "".join(f"{name},,\n" for name in [*WHEEL, "own_walls-1.dist-info/RECORD"])
+        archive.writestr("own_walls-1.dist-info/RECORD", record)
+    site = tmp_path / "site-packages"
+    install = [sys.executable, "-m", "pip", "install", "--no-index", "--no-deps", "--target", site, wheel]
+    if subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True, check=False).returncode:
+        install = ["uv", "pip", "install", "--offline", "--no-deps", "--target", site, wheel]
+    subprocess.run([*map(str, install)], check=True, capture_output=True)
+    monkeypatch.setenv("PYTHONPATH", str(site))
+    raced(tmp_path, "walls", "walls")
+    listed = mdesign(tmp_path, "flavours", "list")
+    assert "walls" not in listed
+    assert "walls" in mdesign(tmp_path, "flavours", "list", "--plugin", "walls")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from mercator_design.errors import FsmError, described
+from mercator_design.errors import FsmError, described, excerpt
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.modules.behaviours import behave
 from mercator_design.modules.conditions import probability
@@ -200,7 +200,10 @@ def _plain(module: Module, model: ReferenceModel, call: _Call, row: Any, seen: s
     memory = [*row.tolist()]
     readings = cast("Readings", _Watched(call.readings, seen))
     if module.kind == "behaviour":
-        found = tuple(module.function(model, readings, memory, call.u, *call.parameters))
+        actions = module.function(model, readings, memory, call.u, *call.parameters)
+        if not isinstance(actions, Actions):
+            raise TypeError(f"expected Actions, as drive(left, right) makes them, found {excerpt(repr(actions))}")
+        found = tuple(actions)
     else:
         found = (module.function(model, readings, memory, *call.parameters),)
     row[:] = memory

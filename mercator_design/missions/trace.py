@@ -62,11 +62,16 @@ class Trace:
     zone_rows: Mapping[str, tuple[int, ...]]  # name of a zone -> its rows in floor.zones
     control_period: float  # [s]
     measure: Measure = not_measured
+    led_colours: NDArray[np.int8] | None = None  # (cycles, robots) of LED_COLOURS that modules have set; -1: none
+    signals: NDArray[np.int8] | None = None  # (cycles, robots) that modules sent; 0: none
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape
         if self.poses.shape != (cycles + 1, robots, 3):
             raise ValueError(f"expected poses ({cycles + 1}, {robots}, 3), found {self.poses.shape}")
+        for name, outputs in self.outputs.items():
+            if outputs.shape != (cycles, robots):
+                raise ValueError(f"expected {name} ({cycles}, {robots}), found {outputs.shape}")
 
     def __repr__(self) -> str:
         return f"<Trace: {self.summary}>"
@@ -76,6 +81,12 @@ class Trace:
         """Its size in a line."""
         robots = f"{self.robots} robot{'s' * (self.robots != 1)}"
         return f"{robots}, {self.cycles} cycle{'s' * (self.cycles != 1)} of {self.control_period:g} s"
+
+    @property
+    def outputs(self) -> dict[str, NDArray[np.int8]]:
+        """What modules set beside the wheels, by the name of the output, as far as it is known."""
+        outputs = {"led_colour": self.led_colours, "signal": self.signals}
+        return {name: values for name, values in outputs.items() if values is not None}
 
     @property
     def cycles(self) -> int:
@@ -101,7 +112,7 @@ class Trace:
         return times
 
     def arrays(self, devices: Sequence[str] = (), every: int = 1) -> dict[str, NDArray[np.generic]]:
-        """The trace at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots).
+        """The trace at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots), `outputs`.
 
         Then the values of each named device, as `measure`, with its errors.
         """
@@ -110,13 +121,15 @@ class Trace:
             "time": self.times(every),
             "pose": self.poses[1:][cycles],
             "state": self.states[cycles],
+            **{name: values[cycles] for name, values in self.outputs.items()},
         }
         return found | {name: self.measure(name, every) for name in devices}
 
     def to_frame(self, devices: Sequence[str] = (), every: int = 1) -> "pd.DataFrame":
         """The same as a table, with a row for each time and robot.
 
-        Columns: time [s], robot, x [m], y [m], heading [rad], state; then DEVICE_0, DEVICE_1, ... of each device.
+        Columns: time [s], robot, x [m], y [m], heading [rad], state, led_colour, signal; then DEVICE_0, DEVICE_1, ...
+        of each device.
         """
         import pandas as pd
 
@@ -128,8 +141,8 @@ class Trace:
         }
         for name, array in arrays.items():
             flat = array.reshape(len(times) * self.robots, -1)
-            labels = {"pose": ["x", "y", "heading"], "state": ["state"]}.get(name)
-            labels = labels or [f"{name}_{k}" for k in range(flat.shape[1])]
+            labels = ["x", "y", "heading"] if name == "pose" else [name]
+            labels = labels if name not in devices else [f"{name}_{k}" for k in range(flat.shape[1])]
             columns |= {label: flat[:, k] for k, label in enumerate(labels)}
         return pd.DataFrame(columns)
 

@@ -65,6 +65,11 @@ class Software(Hashable, Protocol):
         """The tables that its kernel runs on."""
 
 
+def outputs_of(software: Software) -> frozenset[str]:
+    """What its modules set, of OUTPUTS; without modules it is the wheels."""
+    return frozenset({"wheels"}).union(*(one.module.sets for _, one in software.nodes))
+
+
 class Meaning(Protocol):
     """The meaning of configurations, as `race.space.space.Structure`."""
 

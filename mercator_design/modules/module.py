@@ -354,7 +354,7 @@ def _call(module: Module) -> Call:
         found = function(model, readings, memory, u, *taken(parameters))
         actions[0] = found.left
         actions[1] = found.right
-        if found.led_colour >= 0.0:
+        if found.led_colour != -1.0:
             actions[2] = found.led_colour
         actions[3] = found.signal
 

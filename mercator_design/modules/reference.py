@@ -4,8 +4,10 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, NamedTuple
 
+from mercator_design.config.colours import Levels
 from mercator_design.config.schema import Range
 from mercator_design.jit import jittable
 
@@ -52,8 +54,41 @@ ACTIONS = SCRATCH + 1
 OUTPUTS = ("wheels", "led_colour", "signal")
 """What a behaviour may set."""
 
-LED_COLOURS = ("off", "green", "blue", "red", "yellow", "magenta", "cyan")
-"""What `Actions.led_colour` means (AutoMoDe-TuttiFrutti)."""
+LED_COLOURS: Mapping[str, Levels] = {
+    "off": (0, 0, 0),
+    "green": (0, 255, 0),
+    "blue": (0, 0, 255),
+    "red": (255, 0, 0),
+    "yellow": (255, 255, 0),
+    "magenta": (255, 0, 255),
+    "cyan": (0, 255, 255),
+}
+"""What `Actions.led_colour` means, by number from 0 (AutoMoDe-TuttiFrutti), and the levels of red, green and blue."""
+
+MAX_SIGNAL = 7
+
+WRONG = -2
+"""What is recorded of an LED colour or signal that no robot can show or send."""
+
+
+@jittable
+def whole(value: float, lowest: int, highest: int) -> int:
+    """A number as an integer; WRONG if it is not whole, or not from the lowest to the highest."""
+    if lowest <= value <= highest and value == math.floor(value):
+        return int(value)
+    return WRONG
+
+
+@jittable
+def led_colour_of(actions: Sequence[float]) -> int:
+    """The LED colour of a row of Actions, of LED_COLOURS; -1: as it was; WRONG."""
+    return whole(actions[2], -1, 6)
+
+
+@jittable
+def signal_of(actions: Sequence[float]) -> int:
+    """The signal of a row of Actions, or WRONG."""
+    return whole(actions[3], 0, MAX_SIGNAL)
 
 
 @jittable

@@ -13,6 +13,8 @@ from mercator_design.config.colours import COLOURS, STATE_COLOURS, hex_of
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import HALF_PLANE, POLYGON, FloorTable
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.architecture import outputs_of
+from mercator_design.modules.reference import LED_COLOURS
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.machines.picture import software_svg
 from mercator_design.sim.robot_model import RobotModel
@@ -81,12 +83,22 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "zones": _zone_names(trace),
         "colours": [hex_of(*colour) for colour in STATE_COLOURS],
         "machines": [
-            {"states": shown.state_names(k), "diagram": software_svg(shown.pfsms[k], narrow=True)} for k in pfsms
+            {
+                "states": shown.state_names(k),
+                "diagram": software_svg(shown.pfsms[k], narrow=True),
+                "sets": sorted(outputs_of(shown.pfsms[k])),
+            }
+            for k in pfsms
         ],
+        "ledColours": [{"name": name, "colour": hex_of(*colour)} for name, colour in LED_COLOURS.items()],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),
     }
     arrays.add("state", trace.states.T)
+    set_by_any = frozenset().union(*map(outputs_of, shown.pfsms))
+    for name, values in trace.outputs.items():
+        if name in set_by_any:
+            arrays.add(name, np.maximum(values, 0).T)
     if shown.fired is not None:
         arrays.add("fired", shown.fired.T)
     if perceived.neighbours is not None:

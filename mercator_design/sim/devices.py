@@ -17,7 +17,7 @@ from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.errors import SimulationError
 from mercator_design.jit import compiled
 from mercator_design.missions.trace import every_nth
-from mercator_design.modules.reference import Readings
+from mercator_design.modules.reference import LED_COLOURS, Readings
 from mercator_design.sim.kernels.measuring import (
     add_noise,
     fill_clusters,
@@ -75,6 +75,7 @@ class Recording:
     history: History
     noise_keys: Keys  # (robots,)
     control_period: float  # [s]
+    sets: frozenset[str] = frozenset()  # the outputs that modules of the control software set
 
     def __repr__(self) -> str:
         cycles, robots = self.history.states.shape
@@ -169,8 +170,14 @@ def wheels(recording: Recording, _drive: Drive, cycles: Numbers) -> Floats:
 
 @_device()
 def leds(recording: Recording, lamps: Leds, cycles: Numbers) -> Floats:
-    """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255; the lamps show the state."""
-    shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
+    """Red, green, blue of each lamp (cycles, robots, lamps, 3), 0 to 255.
+
+    The lamps show what modules set, off at first; if none of the control software sets them, the state.
+    """
+    if "led_colour" in recording.sets:
+        shown = np.array([*LED_COLOURS.values()], dtype=float)[np.maximum(recording.history.led_colours[cycles], 0)]
+    else:
+        shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
     return np.repeat(shown[:, :, np.newaxis], len(lamps.positions), axis=2)
 
 

@@ -266,7 +266,7 @@ class DeviceWithAxes(MotionSensor):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leds:
-    """Lamps that show the state."""
+    """Lamps that show the state, unless modules set them."""
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 64)]  # [m] forwards, leftwards of the centre
     colors: Annotated[tuple[Levels, ...], Length(4, 4)] = STATE_COLOURS  # red, green, blue in each state

@@ -12,10 +12,10 @@ from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.plugins import changes_of
 from mercator_design.missions.trace import Trace
-from mercator_design.modules.architecture import ControlProgram, Software
+from mercator_design.modules.architecture import ControlProgram, Software, outputs_of
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_of
 from mercator_design.modules.module import Module
-from mercator_design.modules.reference import ReferenceModel
+from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL, WRONG, ReferenceModel
 from mercator_design.plugins.places import reporting_kernels
 from mercator_design.plugins.registries import by_entries
 from mercator_design.seeds import generator
@@ -57,6 +57,7 @@ class Tables(NamedTuple):
     memory: int  # numbers that it keeps for each robot
     draws: int  # that it makes in a cycle
     reads: frozenset[str]  # the senses
+    sets: frozenset[str]  # the outputs
     flavour: Flavour
     kernels: Mapping[Callable[..., Any], str]  # of its modules, each with what it is
 
@@ -87,18 +88,38 @@ class PreparedExperiment:
         mission, instance, history = self.mission, self.instance, self.history
         if not np.isfinite(history.poses[-1]).all():
             raise SimulationError(f"{mission.name}: seed {self.seed}: the simulation lost track of a robot")
+        self._check_outputs()
         recording = Recording(
-            instance.robot_model, instance.start, history, instance.swarm.noise_keys, mission.control_period
+            robot_model=instance.robot_model,
+            scene=instance.start,
+            history=history,
+            noise_keys=instance.swarm.noise_keys,
+            control_period=mission.control_period,
+            sets=self.tables.sets,
         )
         trace = Trace(
             poses=history.poses,
             states=history.states,
+            led_colours=history.led_colours,
+            signals=history.signals,
             floor=instance.start.floor.copy(),  # an objective of a plugin might run the dynamics on it
             zone_rows=instance.zone_rows,
             control_period=mission.control_period,
             measure=recording.measure,
         )
         return Outcome(score=mission.objective(trace), trace=trace, recording=recording)
+
+    def _check_outputs(self) -> None:
+        """Check that modules set what robots can show and send; wheels out of range show in the poses."""
+        for name, expected, values in (
+            ("led_colour", f"-1 to {len(LED_COLOURS) - 1}", self.history.led_colours),
+            ("signal", f"0 to {MAX_SIGNAL}", self.history.signals),
+        ):
+            if name in self.tables.sets and (values == WRONG).any():
+                cycle, robot = np.argwhere(values == WRONG)[0]
+                found = f"another one of robot {robot} in cycle {cycle}; correct the module that sets it"
+                where = f"{self.mission.name}: seed {self.seed}: {name}"
+                raise SimulationError(f"{where}: expected a whole number from {expected}, found {found}")
 
 
 class Simulator:
@@ -235,7 +256,8 @@ def tables_of(software: Software) -> Tables:
     """The tables of control software, for compiled code, which does not change them."""
     program, flavour = software.program(), flavour_of(software.flavour)
     kernels = {one.module.call: f"{one.module.kind} {one.module.name}" for _, one in software.nodes}
-    return Tables(_arrays(program), program.memory, software.draws, software.reads, flavour, kernels)
+    sets = outputs_of(software)
+    return Tables(_arrays(program), program.memory, software.draws, software.reads, sets, flavour, kernels)
 
 
 def _arrays(table: T) -> T:

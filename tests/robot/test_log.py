@@ -64,6 +64,8 @@ def log(tmp_path):
                 readings=readings,
                 draws=draws,
                 wheels=wheels[:2],
+                led_colour=-1,
+                signal=0,
                 cpu=0.001,
                 program_cpu=0.001,
                 neighbours=(),

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,11 +179,16 @@ def check_extent(title: str, cycles: int, robots: int, period: float) -> None:
 
 def _until(trace: Trace, recording: Recording | None, cycles: int) -> Trace:
     """The trace of the first cycles."""
-    poses, states, measure = trace.poses[: cycles + 1], trace.states[:cycles], trace.measure
-    if recording is not None:
-        history = recording.history._replace(poses=poses, states=states)
-        measure = replace(recording, history=history).measure
-    return replace(trace, poses=poses, states=states, measure=measure)
+    part: dict[str, Any] = {
+        "poses": trace.poses[: cycles + 1],
+        "states": trace.states[:cycles],
+        "led_colours": None if trace.led_colours is None else trace.led_colours[:cycles],
+        "signals": None if trace.signals is None else trace.signals[:cycles],
+    }
+    if recording is None:
+        return replace(trace, **part)
+    history = recording.history._replace(**part)
+    return replace(trace, **part, measure=replace(recording, history=history).measure)
 
 
 def _fired(pfsm: Software, recording: Recording) -> NDArray[np.uint8]:

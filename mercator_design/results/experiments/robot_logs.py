@@ -46,6 +46,8 @@ class _Cycle(NamedTuple):
     pose: Pose  # by odometry
     state: int
     fired: int
+    led_colour: int
+    signal: int
     readings: tuple[float, ...]
     places: tuple[tuple[float, float], ...]
 
@@ -109,6 +111,8 @@ def read_logs(
         trace=Trace(
             poses=poses,
             states=np.array([[cycle.state for cycle in row] for row in latest], dtype=np.int8).T,
+            led_colours=np.array([[cycle.led_colour for cycle in row] for row in latest], dtype=np.int8).T,
+            signals=np.array([[cycle.signal for cycle in row] for row in latest], dtype=np.int8).T,
             floor=floor,
             zone_rows={} if instance is None else instance.zone_rows,
             control_period=period,
@@ -149,7 +153,16 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
                     model = flavour_of(software.flavour).reference_model(start.reference_model)
                     fired = number_fired(software, model, event.state, event.readings, event.draws)
                 pose = _odometry(event, cycles)
-                cycle = _Cycle(began + event.time, pose, event.next_state, fired, event.readings, event.neighbours)
+                cycle = _Cycle(
+                    began + event.time,
+                    pose,
+                    event.next_state,
+                    fired,
+                    -1 if event.led_colour is None else event.led_colour,
+                    event.signal or 0,
+                    event.readings,
+                    event.neighbours,
+                )
                 cycles.append(cycle)
         if not isinstance(event, LogEnded):
             warn(f"{path}: {NO_END}")

@@ -3,8 +3,9 @@
 import io
 import math
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from mercator_design.arrays import Floats
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import Software
+from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL
 from mercator_design.results.experiments.experiment import MAX_CELLS, ShownExperiment, check_extent
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import part_names
@@ -23,10 +25,22 @@ SUFFIXES = (".csv", ".npz")
 _MAX_SIZE = 256 * 1024 * 1024  # of a file
 MAX_UNPACKED = 8 * 16 * MAX_CELLS  # bytes of an .npz
 _COLUMNS = ("time", "robot", "x", "y", "heading")
+_WHOLE = {"state": (0, 127), "led_colour": (-1, len(LED_COLOURS) - 1), "signal": (0, MAX_SIGNAL)}
+"""Columns of whole numbers, which may be missing, and their lowest and highest values."""
+_ARRAYS = ("time", "pose", *_WHOLE)
 _SAME_TIME = 1e-6  # [s]
 _MAX_TIME = 1e9  # [s]
 
 _Array: TypeAlias = NDArray[Any]
+
+
+class _Table(NamedTuple):
+    """The arrays of a file."""
+
+    times: Floats
+    poses: Floats
+    states: _Array
+    outputs: dict[str, _Array]  # by the name of the output, as far as they are known
 
 
 def read_trace(
@@ -35,7 +49,7 @@ def read_trace(
     """An experiment from a table of poses.
 
     Args:
-        path: `.npz` as `Trace.arrays`, or `.csv` as `Trace.to_frame`; the column state may be missing.
+        path: `.npz` as `Trace.arrays`, or `.csv` as `Trace.to_frame`; state, led_colour and signal may be missing.
         simulator: The simulator of the mission in which it took place.
         seed: Seed of the instance, for its floor, and for its starting poses if the table begins after the first cycle.
         pfsm: The control software of the robots, if it is known.
@@ -45,7 +59,7 @@ def read_trace(
         MissionError: The file is not such a table, or its states are not those of the PFSM.
     """
     data = io.BytesIO(contents_of(path, _MAX_SIZE, MissionError))
-    times, poses, states = (_read_npz if path.suffix.lower() == ".npz" else _read_csv)(path, data)
+    times, poses, states, outputs = (_read_npz if path.suffix.lower() == ".npz" else _read_csv)(path, data)
     period = _period(path, times)
     check_extent(path.name, len(times), states.shape[1], period)
     instance = simulator.instance(seed)
@@ -55,6 +69,7 @@ def read_trace(
         poses = np.concatenate([start[np.newaxis] if same else poses[:1], poses])
     else:
         states = states[1:]
+        outputs = {name: values[1:] for name, values in outputs.items()}
     if pfsm is not None and states.max(initial=0) >= (n := len(part_names(pfsm))):
         raise MissionError(f"{path}: expected states of the control software, below {n}, found {states.max()}")
     return ShownExperiment(
@@ -65,6 +80,8 @@ def read_trace(
             floor=instance.scene.floor,
             zone_rows=instance.zone_rows,
             control_period=period,
+            led_colours=outputs.get("led_colour"),
+            signals=outputs.get("signal"),
         ),
         robot_model=instance.robot_model,
         mission=simulator.mission,
@@ -74,7 +91,7 @@ def read_trace(
     )
 
 
-def _read_npz(path: Path, data: io.BytesIO) -> tuple[Floats, Floats, _Array]:
+def _read_npz(path: Path, data: io.BytesIO) -> _Table:
     try:
         with zipfile.ZipFile(data) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
@@ -82,14 +99,14 @@ def _read_npz(path: Path, data: io.BytesIO) -> tuple[Floats, Floats, _Array]:
             raise ValueError(f"{size // 2**20} MiB of arrays")  # noqa: TRY301 - said as the other mistakes
         data.seek(0)
         with np.load(data, allow_pickle=False) as file:
-            found = {name: file[name] for name in ("time", "pose", "state") if name in file}
+            found = {name: file[name] for name in _ARRAYS if name in file}
     except Exception as error:  # noqa: BLE001 - damaged archives raise errors of many kinds
         what = f"{type(error).__name__}: {excerpt(str(error))}"
         raise MissionError(f"{path}: expected a trace that `mdesign record` wrote, found {what}") from None
-    return _checked(path, found.get("time"), found.get("pose"), found.get("state"))
+    return _checked(path, found)
 
 
-def _read_csv(path: Path, data: io.BytesIO) -> tuple[Floats, Floats, _Array]:
+def _read_csv(path: Path, data: io.BytesIO) -> _Table:
     import pandas as pd
 
     try:
@@ -103,32 +120,33 @@ def _read_csv(path: Path, data: io.BytesIO) -> tuple[Floats, Floats, _Array]:
     shape = n, robots = table["time"].nunique(), table["robot"].nunique()
     if table.empty or len(table) != n * robots or table.duplicated(["time", "robot"]).any():
         raise MissionError(f"{path}: expected one row for each time and robot")
-    times = table["time"].to_numpy()[::robots]
+    arrays = {name: table[name].to_numpy().reshape(shape) for name in _WHOLE if name in table}
     poses = table[["x", "y", "heading"]].to_numpy().reshape(*shape, 3)
-    states = table["state"].to_numpy().reshape(shape) if "state" in table else None
-    return _checked(path, times, poses, states)
+    return _checked(path, {"time": table["time"].to_numpy()[::robots], "pose": poses, **arrays})
 
 
-def _checked(
-    path: Path, times: _Array | None, poses: _Array | None, states: _Array | None
-) -> tuple[Floats, Floats, _Array]:
+def _checked(path: Path, found: Mapping[str, _Array]) -> _Table:
     """The arrays of a trace, if they fit together."""
+    times, poses = found.get("time"), found.get("pose")
     if times is None or poses is None:
         raise MissionError(f"{path}: expected the arrays time, pose and state of a trace")
     if times.ndim != 1 or poses.ndim != 3 or poses.shape != (len(times), poses.shape[1], 3) or not poses.size:
         raise MissionError(f"{path}: expected times (n,) and poses (n, robots, 3), found {times.shape}, {poses.shape}")
-    if states is None:
-        states = np.zeros(poses.shape[:2])
-    if states.shape != poses.shape[:2]:
-        raise MissionError(f"{path}: expected states {poses.shape[:2]}, found {states.shape}")
-    for name, array in (("time", times), ("pose", poses), ("state", states)):
+    for name, array in found.items():
         if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
             raise MissionError(f"{path}: {name}: expected finite numbers")
-    if (states < 0).any() or (states > 127).any():
-        raise MissionError(f"{path}: state: expected numbers from 0 to 127")
+    whole = {name: array for name, array in found.items() if name in _WHOLE}
+    for name, array in whole.items():
+        low, high = _WHOLE[name]
+        if array.shape != poses.shape[:2]:
+            raise MissionError(f"{path}: {name}: expected numbers {poses.shape[:2]}, found {array.shape}")
+        if (array < low).any() or (array > high).any():
+            raise MissionError(f"{path}: {name}: expected numbers from {low} to {high}")
     if np.abs(times).max() > _MAX_TIME:
         raise MissionError(f"{path}: time: expected at most {_MAX_TIME:g} s")
-    return times.astype(np.float64), poses.astype(np.float64), states.astype(np.int8)
+    outputs = {name: array.astype(np.int8) for name, array in whole.items()}
+    states = outputs.pop("state", np.zeros(poses.shape[:2], dtype=np.int8))
+    return _Table(times.astype(np.float64), poses.astype(np.float64), states, outputs)
 
 
 def _period(path: Path, times: Floats) -> float:

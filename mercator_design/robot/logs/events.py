@@ -11,6 +11,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Length, OneOf, Range
 from mercator_design.errors import RobotError, excerpt
 from mercator_design.fsm import Readings, ReferenceModel
+from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL
 from mercator_design.robot.devices.samples import FIELDS
 
 LogKind: TypeAlias = Literal["run", "recording"]
@@ -148,6 +149,8 @@ class CycleDone:
     readings: Annotated[tuple[Number, ...], Length(len(Readings._fields), len(Readings._fields))]
     draws: Annotated[tuple[Draw, ...], Length(1)]
     wheels: tuple[Number | None, Number | None]  # None: not finite
+    led_colour: Annotated[int, Range(-1, len(LED_COLOURS) - 1)] | None  # -1: none was set; None: a wrong number
+    signal: Annotated[int, Range(0, MAX_SIGNAL)] | None  # None: a wrong number
     cpu: Number  # [s]
     program_cpu: Number  # [s]
     neighbours: Pairs  # distance [m], bearing [rad]

@@ -7,10 +7,10 @@ are only appended. For the events of a recording see recording.py. Those of a ru
             with others, `clock`: how far this computer's time of day was `ahead` of the `reference`, the computer that
             started them, and the `uncertainty` [s]
     cycle   its number, the time since the log's start [s], the state that acted and the next one, readings, draws,
-            wheels (null if not finite), processor time of the cycle (cpu) and, since the previous cycle, of the whole
-            program (program_cpu) [s], the neighbours' distances [m] and bearings [rad], the age [s] and values of each
-            sensor's latest sample (sensed): a distance is null where nothing is in sight, and 0 where something is too
-            near; and the numbers of each device's line (lines), as in events.py
+            wheels (null if not finite), led_colour and signal (null if wrong), processor time of the cycle (cpu) and,
+            since the previous cycle, of the whole program (program_cpu) [s], the neighbours' distances [m] and bearings
+            [rad], the age [s] and values of each sensor's latest sample (sensed): a distance is null where nothing is
+            in sight, and 0 where something is too near; and the numbers of each device's line (lines), as in events.py
     note    a note on a device, and its time
     end     why the run ended
 
@@ -32,7 +32,7 @@ from typing import Any, Self
 from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import FsmError, RobotError
 from mercator_design.modules.architecture import Software
-from mercator_design.modules.reference import Actions, Readings
+from mercator_design.modules.reference import WRONG, Actions, Readings, led_colour_of, signal_of
 from mercator_design.robot.logs.events import (
     CycleDone,
     EventReader,
@@ -170,6 +170,12 @@ def finite(actions: Actions) -> tuple[float | None, float | None]:
     return left, right
 
 
+def outputs(actions: Actions) -> dict[str, int | None]:
+    """The other outputs as in a log: None where a module set a wrong number."""
+    found = {"led_colour": led_colour_of(actions), "signal": signal_of(actions)}
+    return {name: None if value == WRONG else value for name, value in found.items()}
+
+
 def to_lines(events: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """The lines of a log, from its events as JSON data."""
     for number, event in enumerate(events, start=1):
@@ -278,7 +284,9 @@ def _decide(controller: Controller, event: CycleDone) -> Decision:
     readings = Readings(*event.readings)
     state = controller.state
     decided = controller.step(readings, event.draws)
-    found, logged = (state, controller.state), (event.state, event.next_state)
+    others = outputs(decided)
+    found = state, controller.state, *others.values()
+    logged = event.state, event.next_state, *(getattr(event, name) for name in others)
     speeds = finite(decided)
     return Decision(
         cycle=event.cycle,

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from mercator_design.config.colours import STATE_COLOURS
+from mercator_design.config.colours import STATE_COLOURS, Levels
 from mercator_design.errors import RobotError
+from mercator_design.modules.architecture import outputs_of
+from mercator_design.modules.reference import LED_COLOURS, Actions, led_colour_of
 from mercator_design.robot.devices.ports import OPTIONAL_DEVICES, DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
 from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
-from mercator_design.robot.logs.log import Log, finite, plain
+from mercator_design.robot.logs.log import Log, finite, outputs, plain
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
 from mercator_design.robot.run.joint import ImmediateStart
@@ -138,6 +140,7 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
             readings=tuple(readings),
             draws=tuple(draws),
             wheels=finite(actions),
+            **outputs(actions),
             cpu=round(time.thread_time() - thread, 6),
             program_cpu=round(program - before, 6),
             neighbours=tuple(robot.senses.neighbours),
@@ -151,4 +154,11 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
         robot.drive(actions, is_dry=what.is_dry)
         notify(WATCHDOG=1)
         robot.query()
-        robot.show(dict.fromkeys(LIGHTS, STATE_COLOURS[controller.state % len(STATE_COLOURS)]))
+        robot.show(dict.fromkeys(LIGHTS, _lamps(what, controller.state, actions)))
+
+
+def _lamps(what: Run, state: int, actions: Actions) -> Levels:
+    """The colour of the lamps: what modules set; if none of the control software sets them, that of the state."""
+    if "led_colour" in outputs_of(what.file.pfsm):
+        return tuple(LED_COLOURS.values())[max(0, led_colour_of(actions))]
+    return STATE_COLOURS[state % len(STATE_COLOURS)]

@@ -43,6 +43,7 @@ _SENSED: Mapping[str, tuple[str, ...]] = {**FIELDS, "lidar": ()}
 _INFO = 2
 """The level of foxglove.Log."""
 _TREADS = ("left", "right")
+_OUTPUTS = ("led_colour", "signal")
 _CYCLE = ("cycle", "state", "next_state", "behaviour", "condition", "cpu")
 """Columns of a cycle that are also keys of the message."""
 
@@ -71,6 +72,7 @@ _SCHEMAS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "/readings": ("mercator.Readings", _numbers(Readings._fields)),
     "/draws": ("mercator.Draws", _object(draws=_array(_NUMBER))),
     "/wheels": ("mercator.Wheels", _numbers(_TREADS)),
+    "/outputs": ("mercator.Outputs", _object(**dict.fromkeys(_OUTPUTS, _INTEGER))),
     "/treads": ("mercator.Treads", _numbers(_TREADS)),
     "/neighbours": ("mercator.Neighbours", _object(places=_array(_numbers(("distance", "bearing"))))),
     "/odometry": (
@@ -173,6 +175,7 @@ class _Run(ExportedLog):
         *Readings._fields,
         "draws",
         *_TREADS,
+        *_OUTPUTS,
         "neighbour_places",
         *(f"sensed_{name}_{value}" for name, values in _SENSED.items() for value in ("age", *values)),
         *(f"line_{name}_{value}" for name, values in LINES.items() for value in values),
@@ -204,6 +207,7 @@ class _Run(ExportedLog):
                 **Readings(*event.readings)._asdict(),
                 "draws": json.dumps(event.draws, separators=(",", ":")),
                 **dict(zip(_TREADS, event.wheels, strict=True)),
+                **_outputs(event),
                 "neighbour_places": json.dumps(event.neighbours, separators=(",", ":")),
                 **{
                     f"{kind}_{name}_{key}": _cell(value)
@@ -220,6 +224,7 @@ class _Run(ExportedLog):
             yield "/readings", Readings(*event.readings)._asdict()
             yield "/draws", {"draws": event.draws}
             yield "/wheels", _present(dict(zip(_TREADS, event.wheels, strict=True)))
+            yield "/outputs", _present(_outputs(event))
             places = [{"distance": distance, "bearing": bearing} for distance, bearing in event.neighbours]
             yield "/neighbours", {"places": places}
             sensed = {name: _present(values) for name, values in _sensed(event).items()}
@@ -317,6 +322,11 @@ def open_log(path: Path) -> ExportedLog:
     start = next(events)
     assert isinstance(start, LogStart)  # noqa: S101 - as `read` has seen
     return _KINDS[start.kind](start, events)
+
+
+def _outputs(event: CycleDone) -> dict[str, float | None]:
+    """What modules set beside the wheels."""
+    return {name: getattr(event, name) for name in _OUTPUTS}
 
 
 def _sensed(event: CycleDone) -> dict[str, dict[str, float | None]]:

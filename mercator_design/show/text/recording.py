@@ -11,8 +11,8 @@ from mercator_design.sim.devices import Recording
 
 FORMATS = (".csv", ".npz")
 
-_POSE_AND_STATE = 4
-"""Numbers of each robot at each time."""
+_WRITTEN = 6
+"""Numbers of each robot at each time: pose, state, outputs."""
 
 
 def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, every: int) -> None:
@@ -22,7 +22,7 @@ def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, eve
         SimulationError: if the robot lacks a device, or the recording would be too large.
     """
     kept = sum(array[:1].size for array in rehearsal.history)
-    written = rehearsal.history.states[0].size * _POSE_AND_STATE + sum(map(rehearsal.values, devices))
+    written = rehearsal.history.states[0].size * _WRITTEN + sum(map(rehearsal.values, devices))
     sim_devices.check_size(", ".join(["poses", "states", *devices]), cycles * kept + -(-cycles // every) * written)
 
 

@@ -91,6 +91,13 @@ const MercatorReplay = (() => {
       return this.machines.length ? this.colours[state % this.colours.length] : UNKNOWN;
     }
 
+    /** What a robot has set in a cycle, by the name of the output; null if no module of its control software sets it. */
+    output(name, robot, cycle) {
+      const machine = this.machine(robot);
+      if (!machine || !machine.sets.includes(name) || !this.arrays[name]) return null;
+      return cycle > 0 ? this.reading(name, robot, cycle) : 0;
+    }
+
     /** The state machine of a robot: the names of its states, and its diagram; null if it is not known. */
     machine(robot) {
       return this.machines.length ? this.machines[this.machineOf[robot]] : null;
@@ -349,6 +356,14 @@ const MercatorReplay = (() => {
       const r = replay.body.radius;
       context.lineWidth = this.pixel;
       area(context, [[0.75 * r, 0], [-0.35 * r, 0.42 * r], [-0.12 * r, 0], [-0.35 * r, -0.42 * r]], "#fff", "#000");
+      const led = replay.output("led_colour", i, cycle);
+      if (led !== null) {
+        context.beginPath();
+        context.arc(-0.6 * r, 0, 0.22 * r, 0, 2 * Math.PI);
+        [context.fillStyle, context.strokeStyle] = [replay.ledColours[led].colour, "#000"];
+        context.fill();
+        context.stroke();
+      }
       context.restore();
       if (isChosen || r / this.pixel > 26 * density()) {
         this.text(context, replay.names[i], x, y - 1.5 * r, 11);
@@ -754,6 +769,10 @@ const MercatorReplay = (() => {
         ["Place", `${x.toFixed(3)} m, ${y.toFixed(3)} m`],
         ["Heading", `${degrees.toFixed(0)}°`],
       ];
+      const led = replay.output("led_colour", robot, cycle);
+      if (led !== null) facts.push(["LEDs", this.swatch(replay.ledColours[led])]);
+      const signal = replay.output("signal", robot, cycle);
+      if (signal !== null) facts.push(["Signal", String(signal)]);
       const count = replay.reading("neighbours", robot, cycle);
       if (count !== null) facts.push(["Neighbours", String(count)]);
       const ground = replay.reading("ground", robot, cycle);

@@ -16,7 +16,7 @@ from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.modules.architecture import ControlProgram
 from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
-from mercator_design.modules.reference import ACTIVE, ReferenceModel
+from mercator_design.modules.reference import ACTIVE, ReferenceModel, led_colour_of, signal_of
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
     Bridge,
@@ -165,8 +165,8 @@ def sense_and_control(
         actions = swarm.actions[i]
         control(model, program, readings, swarm.memory[i], swarm.draws, actions)
         history.states[cycle, i] = int(swarm.memory[i, ACTIVE])
-        history.led_colours[cycle, i] = int(actions[2])
-        history.signals[cycle, i] = int(actions[3])
+        history.led_colours[cycle, i] = led_colour_of(actions)
+        history.signals[cycle, i] = signal_of(actions)
         for side in range(2):
             speed = actions[side] * scene.maximum_speed
             if scene.wheel_noise[0] != NO_NOISE:

@@ -55,8 +55,8 @@ class History(NamedTuple):
 
     poses: Floats  # (cycles + 1, robots, 3)
     states: NDArray[np.int8]  # (cycles, robots) active parts of the control software
-    led_colours: NDArray[np.int8]  # (cycles, robots) that modules have set; -1: none
-    signals: NDArray[np.int8]  # (cycles, robots)
+    led_colours: NDArray[np.int8]  # (cycles, robots) that modules have set so far; -1: none
+    signals: NDArray[np.int8]  # (cycles, robots) sent in each cycle; 0: none
     readings: Floats  # (cycles, robots, fields of Readings)
     draws: Floats  # (cycles, robots, draws)
     wheels: Floats  # (cycles, robots, 2) fractions of the maximum speed

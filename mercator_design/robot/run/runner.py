@@ -159,6 +159,6 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
 
 def _lamps(what: Run, state: int, actions: Actions) -> Levels:
     """The colour of the lamps: what modules set; if none of the control software sets them, that of the state."""
-    if "led_colour" in outputs_of(what.file.pfsm):
+    if "led_colour" in outputs_of(what.file.software):
         return tuple(LED_COLOURS.values())[max(0, led_colour_of(actions))]
     return STATE_COLOURS[state % len(STATE_COLOURS)]

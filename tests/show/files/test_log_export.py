@@ -81,7 +81,7 @@ class TestCsv:
         for names, kind in columns.items():
             assert table[list(names)].to_numpy().tolist() == [event[kind] for event in cycles]
         assert [*map(json.loads, table.draws)] == [event["draws"] for event in cycles]
-        for name in ("time", "cycle", "state", "next_state", "cpu"):
+        for name in ("time", "cycle", "state", "next_state", "cpu", "led_colour", "signal"):
             assert table[name].tolist() == [event[name] for event in cycles]
         assert [*map(json.loads, table.neighbour_places)] == [event["neighbours"] for event in cycles]
         assert any(event["neighbours"] for event in cycles)
@@ -245,7 +245,7 @@ class TestMcap:
         assert (statistics.message_start_time, statistics.message_end_time) == (times[0], times[-1])
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {
-            "/state", "/readings", "/draws", "/wheels", "/neighbours", "/odometry", "/tf", "/notes",
+            "/state", "/readings", "/draws", "/wheels", "/outputs", "/neighbours", "/odometry", "/tf", "/notes",
             *(f"/sensors/{name}" for name in SENSORS),
         }  # fmt: skip
         for number, channel in summary.channels.items():
@@ -263,7 +263,7 @@ class TestMcap:
                 assert described["title"] == schema.name
                 validators[schema.id] = Draft202012Validator(closed(described))
             validators[schema.id].validate(json.loads(message.data))
-        assert len(validators) == 18
+        assert len(validators) == 19
 
     def test_messages_are_what_the_log_has(self, reader, cycles, events):
         said = {}

@@ -3,28 +3,22 @@
 import contextlib
 from typing import Annotated
 
-from mercator_design import jit
 from mercator_design.config.schema import Range
 from mercator_design.modules import flavour, module
 from mercator_design.modules.reference import Actions
-
-_TABLES = (module.BEHAVIOURS, module.CONDITIONS, module.BEHAVIOUR_CALLS, module.CONDITION_CALLS)
+from mercator_design.plugins import registries
 
 
 @contextlib.contextmanager
 def entered(function, name="tested", **marks):
     """A flavour of two behaviours, a function (0) and one that stands still (1), and of fixed probabilities (0)."""
-    copies, marked, forget = [type(each)(each) for each in _TABLES], jit.marked(), flavour.snapshot()
+    restore = registries.snapshot()
     try:
         module.behaviour(**marks)(function)
         known = {"behaviours": {[*module.BEHAVIOURS][-1]: 0, "stop": 1}, "conditions": {"fixed probability": 0}}
         yield flavour.enter_flavour(flavour.Flavour(name=name, **known))
     finally:
-        forget()
-        jit.forget(jit.marked() - marked)
-        for table, copy in zip(_TABLES, copies, strict=True):
-            table.clear()
-            table.update(copy) if isinstance(table, dict) else table.extend(copy)
+        restore()
 
 
 def blink(

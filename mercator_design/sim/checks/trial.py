@@ -16,7 +16,15 @@ from mercator_design.modules.conditions import probability
 from mercator_design.modules.flavour import Flavour
 from mercator_design.modules.module import Module, ModuleParameter
 from mercator_design.modules.perception import MutableRow, Row
-from mercator_design.modules.reference import ACTIONS, LED_COLOURS, SCRATCH, Actions, Readings, ReferenceModel
+from mercator_design.modules.reference import (
+    ACTIONS,
+    LED_COLOURS,
+    MAX_SIGNAL,
+    SCRATCH,
+    Actions,
+    Readings,
+    ReferenceModel,
+)
 from mercator_design.plugins.places import first_line, line_of, reporting_kernels
 from mercator_design.plugins.registries import is_ours
 
@@ -25,7 +33,6 @@ CYCLES = 25
 SETTINGS = 80
 """Settings of the parameters: their bounds, and random ones between."""
 _MAX_BOUNDS = 32
-_MAX_SIGNAL = 7
 
 
 class _Call(NamedTuple):
@@ -227,8 +234,8 @@ def _wrong(module: Module, found: Sequence[float], memory: Any) -> Iterator[tupl
             yield "wheels", f"expected wheels from -1 to 1, found {name} {getattr(actions, name):.6g}"
     if actions.led_colour not in range(-1, len(LED_COLOURS)):
         yield "led", f"expected an LED colour from -1 to {len(LED_COLOURS) - 1}, found {actions.led_colour:.6g}"
-    if actions.signal not in range(_MAX_SIGNAL + 1):
-        yield "signal", f"expected a signal from 0 to {_MAX_SIGNAL}, found {actions.signal:.6g}"
+    if actions.signal not in range(MAX_SIGNAL + 1):
+        yield "signal", f"expected a signal from 0 to {MAX_SIGNAL}, found {actions.signal:.6g}"
     for output, is_set in (("led_colour", actions.led_colour != -1.0), ("signal", actions.signal != 0.0)):
         if is_set and output not in module.sets:
             declared = _quoted({output, *module.sets})

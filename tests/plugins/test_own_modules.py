@@ -1,5 +1,6 @@
 """Behaviours, conditions and flavours of plugins: entered, refused, forgotten, tried, carried with control software."""
 
+import pickle
 import re
 import sys
 from importlib import metadata
@@ -7,8 +8,10 @@ from importlib import metadata
 import pytest
 
 from mercator_design import jit
-from mercator_design.errors import FsmError, MissionError
+from mercator_design.designer import Designer, Experimenter
+from mercator_design.errors import FsmError, MissionError, RaceError
 from mercator_design.fsm.space.grammar import parameters_of
+from mercator_design.missions.mission import load_mission
 from mercator_design.modules import module as modules
 from mercator_design.modules.flavour import define_flavour, flavour_names, flavour_of, load_flavour
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
@@ -17,6 +20,7 @@ from mercator_design.plugins import loading, registries
 from mercator_design.plugins.loading import load_plugin, loaded_plugins
 from mercator_design.plugins.sources import read_plugin
 from mercator_design.sim.checks.trial import try_flavour
+from mercator_design.sim.simulate import Simulator
 from mercator_design.software.controller import Controller
 from mercator_design.software.digest import control_digest
 from mercator_design.software.files import fsm_file_text, fsm_yaml_text, read_fsm, read_fsms
@@ -263,6 +267,75 @@ class TestFiles:
         load_flavour(str(walls / "walls.yaml"))
         define_flavour(FLAVOUR.replace("walls", "others").replace("others:", "walls:"), "others")
         assert control_digest("others") != before
+
+
+class TestWorkers:
+    """Other processes get the plugins and the flavour as they were when the race began."""
+
+    @pytest.fixture
+    def packed(self, tmp_path):
+        restore = loading.snapshot()
+        write(tmp_path)
+        load_plugin(tmp_path / "walls.py")
+        load_flavour(str(tmp_path / "walls.yaml"))
+        data = pickle.dumps(Experimenter(Simulator(load_mission("aggregation")), flavour_of("walls")))
+        restore()
+        (tmp_path / "walls.py").write_text("an edited file is not read again")
+        return data
+
+    def test_that_have_nothing_loaded(self, packed):
+        assert "wall following" not in BEHAVIOURS
+        pickle.loads(packed)  # noqa: S301 - our own
+        assert flavour_of("walls").behaviours["wall following"] == 2
+        assert "wall near" in CONDITIONS
+
+    def test_that_have_another_version_of_the_flavour(self, packed):
+        define_flavour("name: walls\nbehaviours: {stop: 0}\nconditions: {fixed probability: 0}\n", "walls")
+        with pytest.raises(FsmError, match="another flavour is called walls already"):
+            pickle.loads(packed)  # noqa: S301 - our own
+
+    def test_that_have_another_version_of_the_plugin(self, packed, tmp_path):
+        (tmp_path / "other").mkdir()
+        (tmp_path / "other" / "walls.py").write_text(PLUGIN + "\n")
+        load_plugin(tmp_path / "other" / "walls.py")
+        with pytest.raises(MissionError, match="another plugin of that name"):
+            pickle.loads(packed)  # noqa: S301 - our own
+
+
+class TestRunFolder:
+    """A race is resumed only with the flavour and the plugins as they were."""
+
+    @pytest.fixture
+    def folder(self, tmp_path):
+        restore = loading.snapshot()
+        write(tmp_path)
+        load_plugin(tmp_path / "walls.py")
+        load_flavour(str(tmp_path / "walls.yaml"))
+        designer = Designer(Simulator(load_mission("aggregation")), budget=60, seed=1, flavour="walls")
+        for name, data in designer.files().items():
+            (tmp_path / "r" / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / "r" / name).write_bytes(data)
+        start = designer.start()
+        restore()
+        return tmp_path / "r", start
+
+    def test_as_they_were(self, folder):
+        assert Designer.restore(*folder).start() == folder[1]
+        assert "--flavour" in Designer.command(folder[1], folder[0])
+        assert f"{folder[0]}/flavour.yaml" in Designer.command(folder[1], folder[0])
+
+    def test_an_edited_flavour(self, folder):
+        file = folder[0] / "flavour.yaml"
+        file.write_text(file.read_text().replace("stop: 1", "stop: 4"))
+        with pytest.raises(RaceError, match=r"flavour\.yaml: expected the flavour walls of the race, of digest"):
+            Designer.restore(*folder)
+
+    def test_an_edited_plugin(self, folder):
+        (folder[0] / "plugins" / "walls.py").write_text(PLUGIN + "\n")
+        with pytest.raises(
+            MissionError, match=r"walls\.py: expected a plugin of digest \w+, found \w+; it was not run"
+        ):
+            Designer.restore(*folder)
 
 
 class TestCommands:

@@ -2,10 +2,16 @@ import json
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
+from mercator_design.serve.http.machines.schemas import Modules
+from mercator_design.serve.http.schemas import JobRequest
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
+from mercator_design.serve.workers.machines import check_fsm
 from mercator_design.serve.workers.missions import mission_schema
+from mercator_design.serve.workers.sources import FsmSource
+from tests.plugins import walls
 
 PLUGIN = """
 from mercator_design.missions.plugins import objective
@@ -51,6 +57,23 @@ def test_plugins_are_beside_the_settings(tmp_path, idle_races, monkeypatch):
     (tmp_path / "own.py").write_text(PLUGIN)
     with Service(Path(tmp_path.name)) as service:
         assert "own_objective" in json.dumps(service.workers.run(mission_schema))
+
+
+@pytest.mark.thorough
+def test_flavours_of_the_administrator_are_offered(tmp_path, idle_races):
+    walls.write(tmp_path)
+    settings = tmp_path / "serve.yaml"
+    settings.write_text("flavours: [walls.yaml]\nworkers: 1\n")
+    with pytest.raises(ServiceError, match=r"flavours: .*walls\.yaml:4: .*no such behaviour"), Service(tmp_path):
+        pass
+    settings.write_text("flavours: [walls.yaml]\nplugins: [walls.py]\nworkers: 1\n")
+    with Service(tmp_path) as service:
+        assert JobRequest(mission="aggregation", budget=60, flavour="walls").request().flavour == "walls"
+        assert [one.name for one in Modules.of("walls").conditions][-1] == "wall near"
+        source = FsmSource(name="", text=walls.LINE, flavour="walls")
+        assert service.workers.run(check_fsm, source, None, service.settings.limits)["valid"]
+    with pytest.raises(ValidationError, match="expected one of watermelon"):
+        JobRequest(mission="aggregation", budget=60, flavour="walls")
 
 
 def test_a_folder_that_is_a_file(tmp_path):

@@ -148,7 +148,7 @@ class Devices(Surroundings):
         return any(opened) and 2 * sum(opened) == len(opened)
 
     @property
-    def drive(self):
+    def wheels(self):
         """What the treads were told [m/s] each time that it was something else: time [s], left, right."""
         (start,) = [event["start"] for event in self.log if event["event"] == "clock"]
         told = [event for event in self.log if event["event"] == "wheels"]

@@ -120,7 +120,7 @@ def test_from_copy_to_collect(mdesign, server):
     with deployed(mdesign, server, 2) as deploy:
         out, _ = in_time_started(deploy, "--duration", 60)
         assert out.count("runs, logs/run-") == 2
-        wait_until(lambda: {event["robot"] for event in drive(folder) if event["left"]} == {0, 1})
+        wait_until(lambda: {event["robot"] for event in wheels(folder) if event["left"]} == {0, 1})
         assert (
             deploy("fsm.txt")[1].count("a run is in progress; end it first: mdesign deploy --robots ... --stop") == 2
         ), said(folder)
@@ -128,7 +128,7 @@ def test_from_copy_to_collect(mdesign, server):
         assert (code, err) == (0, ""), out
         assert [row[:32].split() for row in out.splitlines()[:2]] == [["ok", f"r{k}", "stopped"] for k in range(2)]
         for k in range(2):
-            *_, last = (event for event in drive(folder) if event["robot"] == k)
+            *_, last = (event for event in wheels(folder) if event["robot"] == k)
             assert (last["left"], last["right"]) == (0.0, 0.0)
             log = max((folder / f"all/r{k}").glob("*.jsonl"))
             assert [*read(log)][-1]["why"] == "Stopped by SIGTERM."
@@ -143,7 +143,7 @@ def test_five_robots_begin_within_a_control_cycle(mdesign, server):
             in_time_started(deploy, "--duration", 2)
             time.sleep(0.5)
             driven = {}
-            for event in drive(folder):
+            for event in wheels(folder):
                 if event["time"] > since and event["left"]:
                     driven.setdefault(event["robot"], event["time"])
             assert len(driven) == 5
@@ -177,7 +177,7 @@ def test_a_robot_that_vanishes_before_the_start_keeps_all_at_rest(mdesign, serve
         if how == "its connection is cut":
             assert "; over another connection: " in out
         assert deploy("--stop")[1].count("nothing that deploy has started runs") == 3
-        assert not any(event["left"] or event["right"] for event in drive(folder))
+        assert not any(event["left"] or event["right"] for event in wheels(folder))
 
 
 def served_by(process):
@@ -200,7 +200,7 @@ def said(folder):
     return [file.read_text() for file in folder.glob("r*/logs/*.txt")]
 
 
-def drive(folder):
+def wheels(folder):
     return events(folder / "twin", "wheels")
 
 

@@ -141,7 +141,7 @@ def subscribed(ros):
     return any(topic.endswith("/rvr/wheels_speed") for topic, _ in topics)
 
 
-def drive(folder):
+def wheels(folder):
     return [(event["left"], event["right"]) for event in events(folder, "wheels")]
 
 
@@ -199,11 +199,11 @@ class TestOthers:
             with ros.client("drive", 0.1, 0.2, 20), ros.client("lamps") as lamps, ros.client("listen", 4) as client:
                 moving = heard(client)
                 assert lamps.stdout.readline().strip() == md5(f"{COLOUR} led_colors")
-            wait_until(lambda: drive(folder)[-1] == (0.0, 0.0))
+            wait_until(lambda: wheels(folder)[-1] == (0.0, 0.0))
             time.sleep(0.5)
             with ros.client("listen", 1.5) as client:
                 resting = heard(client)
-        assert (pytest.approx(0.1), pytest.approx(0.2)) in drive(folder)
+        assert (pytest.approx(0.1), pytest.approx(0.2)) in wheels(folder)
         self.types(moving)
         self.times(moving)
         self.motion(moving)
@@ -331,11 +331,11 @@ WAYS = {
 def test_ways_to_stop(ros, pyz, folder, what):
     act, allowed, code, words = WAYS[what]
     with node(ros, pyz, folder) as process, ros.client("drive", 0.1, 0.2, 20) as client:
-        wait_until(lambda: drive(folder)[-1] != (0.0, 0.0) or process.poll() is not None)
+        wait_until(lambda: wheels(folder)[-1] != (0.0, 0.0) or process.poll() is not None)
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.5)
         began = act(ros, process, client)
-        wait_until(lambda: drive(folder)[-1] == (0.0, 0.0))
+        wait_until(lambda: wheels(folder)[-1] == (0.0, 0.0))
         if code is not None:
             _, error = process.communicate(timeout=LIMIT)
             assert (process.returncode, words in error, "Traceback" in error) == (code, True, False), error

@@ -22,9 +22,9 @@ from benchmarks.twin_stepped import Stepped, settings_of
 from mercator_design.fsm import Actions, Readings, drive
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import Mission, parse_mission
+from mercator_design.modules.module import EVERYTHING
 from mercator_design.robot.devices.samples import heading
 from mercator_design.robot.run.senses import Senses
-from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import RobotModel, load_robot_model

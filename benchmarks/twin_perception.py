@@ -27,12 +27,12 @@ from mercator_design.config.colours import COLOURS
 from mercator_design.fsm.control import STATE, control_cycle
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
+from mercator_design.modules.module import EVERYTHING
 from mercator_design.modules.perception import perceive, proximity_weight
 from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read
-from mercator_design.sim.kernels.kernel import EVERYTHING
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator, tables_of

@@ -27,7 +27,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.behaviours import TURN_CYCLES
 from mercator_design.modules.conditions import probability
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, EVERYTHING
 from mercator_design.modules.reference import SCRATCH, Readings, ReferenceModel
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
@@ -199,7 +199,7 @@ def rerun(
         kernel.move(bridge, scene, swarm)
         kernel.note_poses(swarm, history, cycle + 1)
         for i in range(len(swarm.poses)):
-            readings = sense(scene, model, swarm, cycle, i, kernel.EVERYTHING)
+            readings = sense(scene, model, swarm, cycle, i, EVERYTHING)
             draw(model, program, readings, swarm, i, order, stream, shuffles, place, certain)
             wheels = swarm.actions[i]
             control_cycle(model, program, readings, swarm.memory[i], swarm.draws, wheels)

@@ -18,8 +18,7 @@ from mercator_design.fsm import Readings, parse
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Tiles
 from mercator_design.modules.behaviours import TURN_CYCLES, TURN_SIDE
-from mercator_design.modules.module import NEIGHBOURS
-from mercator_design.sim.kernels.kernel import EVERYTHING
+from mercator_design.modules.module import EVERYTHING, NEIGHBOURS
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.sight import cast
 from mercator_design.sim.referee import Referee

@@ -18,17 +18,17 @@ from typing import Any, Literal, NamedTuple, TypeVar, cast
 from mercator_design.config.schema import Range, comments_of, origin_of, sentence_of, unit_of
 from mercator_design.jit import jittable
 from mercator_design.modules.perception import MutableRow, Row
-from mercator_design.modules.reference import OUTPUTS, Readings, ReferenceModel
+from mercator_design.modules.reference import OUTPUTS, SENSES, Readings, ReferenceModel
 from mercator_design.plugins.registries import Registry, is_ours, load_shipped, register
 
 MAX_PARAMETERS = 6
 """Largest number of parameters of a module."""
 
-SENSES = ("proximity", "neighbours", "ground", "light")
-"""What readings are made of. A robot may lack some; what an active part does not read is not sensed."""
-
-PROXIMITY, NEIGHBOURS, GROUND, LIGHT = 1, 2, 4, 8
+PROXIMITY, NEIGHBOURS, GROUND, LIGHT, HEADING, ODOMETRY, RANGES = (1 << k for k in range(len(SENSES)))
 """The bits of sets of senses, in the order of SENSES."""
+
+EVERYTHING = (1 << len(SENSES)) - 1
+"""All senses; a sense that the robot lacks has neutral readings."""
 
 _FIRST = {"behaviour": ("model", "readings", "memory", "u"), "condition": ("model", "readings", "memory")}
 """Parameters of all functions of a kind; those of the module follow."""

@@ -2,10 +2,13 @@
 
 import math
 from array import array
+from collections.abc import Sequence
 from typing import Any, Protocol, cast
 
 from mercator_design.jit import jittable
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import N_RANGES, Readings, ReferenceModel
+
+_NO_RANGES = (0.0,) * N_RANGES
 
 
 class Row(Protocol):
@@ -24,6 +27,29 @@ class MutableRow(Row, Protocol):
 def new_row(n: int) -> MutableRow:
     """A row of n zeros; slices of it are views, as those of arrays in compiled code."""
     return cast("MutableRow", memoryview(array("d", bytes(8 * n))))
+
+
+def ring_order(angles: Sequence[float]) -> list[int]:
+    """The numbers of sensors, which look at angles [rad], counter-clockwise from the front.
+
+    A sensor up to a 16th of a turn to the right of the front is the first.
+    """
+    return sorted(range(len(angles)), key=lambda k: (angles[k] + math.pi / 8.0) % math.tau)
+
+
+@jittable
+def ranges(readings: Readings) -> tuple[float, float, float, float, float, float, float, float]:
+    """What the proximity sensors see, counter-clockwise from the front, to be indexed in kernels."""
+    return (
+        readings.ranges_0,
+        readings.ranges_1,
+        readings.ranges_2,
+        readings.ranges_3,
+        readings.ranges_4,
+        readings.ranges_5,
+        readings.ranges_6,
+        readings.ranges_7,
+    )
 
 
 @jittable
@@ -113,6 +139,8 @@ def perceive(
     neighbours: float,
     ground: Row,
     light: Row,
+    motion: Row = (0.0, 0.0, 0.0),
+    ranges: Row = _NO_RANGES,
 ) -> Readings:
     """Readings of one robot in one control cycle.
 
@@ -128,6 +156,8 @@ def perceive(
         neighbours: How many robots count as neighbours.
         ground: (3,) red, green, blue, 0 to 255.
         light: (2,) vector towards the light.
+        motion: (3,) heading [rad] and place [m] since the start.
+        ranges: (N_RANGES,) how much what each proximity sensor sees counts, in `ring_order`.
     """
     obstacle_x = 0.0
     obstacle_y = 0.0
@@ -161,4 +191,15 @@ def perceive(
         ground[2],
         light[0],
         light[1],
+        motion[0],
+        motion[1],
+        motion[2],
+        ranges[0],
+        ranges[1],
+        ranges[2],
+        ranges[3],
+        ranges[4],
+        ranges[5],
+        ranges[6],
+        ranges[7],
     )

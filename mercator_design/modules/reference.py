@@ -21,7 +21,10 @@ Cycles = Annotated[float, Range(0.0, 1000.0)]
 
 
 class Readings(NamedTuple):
-    """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived."""
+    """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived.
+
+    A field begins with the name of its sense; SENSES and all that depends on them follow from the fields.
+    """
 
     proximity_x: float = 0.0  # obstacles: a vector towards them, of length 0 (none) to 1 (very near)
     proximity_y: float = 0.0
@@ -33,6 +36,23 @@ class Readings(NamedTuple):
     ground_blue: float = 255.0
     light_x: float = 0.0  # towards the light, of length 0 (none perceived) to 1
     light_y: float = 0.0
+    heading: float = 0.0  # [rad] -pi to pi, counter-clockwise from that at the start, by the IMU
+    odometry_x: float = 0.0  # [m] from the start, along the heading there, by the locator
+    odometry_y: float = 0.0  # [m] to the left of that
+    ranges_0: float = 0.0  # how much what a proximity sensor sees counts (perception.proximity_weight), one by one,
+    ranges_1: float = 0.0  # counter-clockwise from the front
+    ranges_2: float = 0.0
+    ranges_3: float = 0.0
+    ranges_4: float = 0.0
+    ranges_5: float = 0.0
+    ranges_6: float = 0.0
+    ranges_7: float = 0.0
+
+
+SENSES = tuple(dict.fromkeys(name.partition("_")[0] for name in Readings._fields))
+"""What readings are made of. A robot may lack some; what an active part does not read is not sensed."""
+
+N_RANGES = sum(name.startswith("ranges_") for name in Readings._fields)
 
 
 class Actions(NamedTuple):

@@ -17,8 +17,7 @@ from mercator_design.config.loading import read
 from mercator_design.config.schema import FieldError, Range, checked
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
-from mercator_design.modules.module import SENSES
-from mercator_design.modules.reference import ReferenceModel
+from mercator_design.modules.reference import N_RANGES, SENSES, ReferenceModel
 from mercator_design.sim.fields import found_at, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,
@@ -37,6 +36,9 @@ from mercator_design.sim.robot_parts import (
     Physics,
     Proximity,
 )
+
+_DEVICE_OF = {"heading": "imu", "odometry": "locator", "ranges": "proximity"}
+"""The key of the device of a sense, where it has another name."""
 
 Bound = Annotated[float, Range(-1e9, 1e9)]
 
@@ -108,7 +110,13 @@ class RobotModel(FromFile):
     @property
     def senses(self) -> frozenset[str]:
         """The senses of modules that the robot has."""
-        return frozenset(sense for sense in SENSES if getattr(self, sense) is not None)
+        found = {sense for sense in SENSES if getattr(self, _DEVICE_OF.get(sense, sense)) is not None}
+        return frozenset(found if self.has_ranges else found - {"ranges"})
+
+    @property
+    def has_ranges(self) -> bool:
+        """Whether the robot has as many proximity sensors as readings have ranges."""
+        return self.proximity is not None and len(self.proximity.angles) == N_RANGES
 
 
 def load_robot_model(name_or_path: str) -> RobotModel:

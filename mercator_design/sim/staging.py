@@ -10,6 +10,7 @@ import pymunk
 from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.arena import WALL_THICKNESS, Box
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.perception import ring_order
 from mercator_design.seeds import generator
 from mercator_design.sim.kernels import scene
 from mercator_design.sim.kernels.noise import GAUSSIAN, NO_NOISE, UNIFORM
@@ -22,6 +23,7 @@ from mercator_design.sim.robot_parts import (
     Lidar,
     LightCamera,
     LightRing,
+    MotionSensor,
     Neighbours,
     Noise,
     Proximity,
@@ -29,6 +31,7 @@ from mercator_design.sim.robot_parts import (
 )
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
+_UNMOVED = MotionSensor(range=(0.0, 1.0))
 _NO_PROXIMITY = Proximity(ring_radius=0.0, angles=(), range=(0.0, 0.0))
 _NO_LIDAR = Lidar(beams=0, first_angle=0.0, height=math.inf, head_radius=0.0, range=(0.0, 0.0))
 
@@ -56,6 +59,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         neighbours=_neighbours(mission, model),
         light=_light(mission, model),
         lidar=_lidar(mission, model),
+        motion=_motion(model),
         control_period=mission.control_period,
         wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
@@ -120,6 +124,18 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
     return np.cos(np.array(angles, dtype=float)), np.sin(np.array(angles, dtype=float))
 
 
+def _motion(model: RobotModel) -> scene.Motion:
+    imu, locator = model.imu or _UNMOVED, model.locator or _UNMOVED
+    return scene.Motion(
+        has_imu=model.imu is not None,
+        imu_range=np.array(imu.range, dtype=float),
+        imu_noise=noise_row(imu.noise),
+        has_locator=model.locator is not None,
+        locator_range=np.array(locator.range, dtype=float),
+        locator_noise=noise_row(locator.noise),
+    )
+
+
 def _proximity(model: RobotModel) -> scene.Proximity:
     device = model.proximity or _NO_PROXIMITY
     nearest, furthest = device.range
@@ -135,6 +151,7 @@ def _proximity(model: RobotModel) -> scene.Proximity:
         furthest=furthest,
         noise=noise_row(device.noise),
         weight_noise=noise_row(device.weight_noise),
+        order=np.array(ring_order(device.reported or device.angles) if model.has_ranges else [], dtype=np.int64),
     )
 
 

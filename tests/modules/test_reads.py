@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, FAILURE_CALLS, SENSES
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, FAILURE_CALLS
+from mercator_design.modules.reference import SENSES, Readings, ReferenceModel
 
 
 class Watched:

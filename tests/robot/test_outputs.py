@@ -4,6 +4,9 @@ import math
 
 import pytest
 
+from mercator_design.modules import perception
+from mercator_design.modules.perception import proximity_weight
+from mercator_design.modules.reference import Actions, Readings, ReferenceModel
 from mercator_design.robot.logs.log import replay, to_lines
 from tests.own_modules import BLINKS, blink, entered
 from tests.robot.log_events import read
@@ -60,3 +63,26 @@ def test_a_wrong_number_stops_nothing(blinks, robot):
     assert math.isclose(cycles[-1]["wheels"][0], 0.5)
     assert not any(map(any, shown(robot)))
     assert {decision.differs for _, decision in replay(robot.folder / "log.jsonl")} == {""}
+
+
+def perceives(model, readings, memory, u):
+    """Drive along a curve."""
+    return Actions(0.5 + 0.0 * readings.odometry_x, 0.8 + 0.0 * readings.ranges_0, -1.0, 0.0)
+
+
+def test_heading_and_odometry_count_from_the_start(robot):
+    with entered(perceives, reads={"heading", "odometry", "ranges"}):
+        robot.run("--nstates 1 --s0 0", "--flavour", "tested", "--duration", "3")
+        assert robot.ended()[0] == 0, robot.ended()
+    cycles = [event for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
+    named = [Readings(*event["readings"]) for event in cycles]
+    assert [round(one, 2) for one in (named[0].heading, named[0].odometry_x, named[0].odometry_y)] == [0, 0, 0]
+    last, sensed = named[-1], cycles[-1]["sensed"]
+    assert (last.odometry_x, last.odometry_y) == pytest.approx(sensed["position"][1:], abs=1e-6)
+    assert last.odometry_x > 0.1
+    assert last.odometry_y > 0.02
+    assert last.heading == pytest.approx(sensed["attitude"][-1], abs=0.2)
+    assert last.heading > 0.3
+    order = [1, 0, 7, 6, 5, 4, 3, 2]
+    weights = [proximity_weight(ReferenceModel(), math.inf if x is None else x) for x in sensed["proximity"][1:]]
+    assert perception.ranges(last) == pytest.approx([weights[k] for k in order], abs=1e-4)

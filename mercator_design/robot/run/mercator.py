@@ -243,9 +243,11 @@ class Mercator:
     def _start_sensors(self) -> None:
         """Light the lamp of the ground sensor, and let the RVR stream what is needed, and what it can besides."""
         link, needed = self._link, self.senses.needed_of_rvr
-        optional = [*self.senses.wanted_of_rvr, *self._extra]
-        for command in ("reset_yaw", "reset_locator_x_and_y"):  # readings do not depend on them, but the log does
-            if why := link.refusal(command):
+        optional = [name for name in (*self.senses.wanted_of_rvr, *self._extra) if name not in needed]
+        for command in ("reset_yaw", "reset_locator_x_and_y"):
+            if self.senses.count_from_start:
+                link.ask(command)
+            elif why := link.refusal(command):  # the log depends on them, readings do not
                 self._refused[command] = why
         if "ground" in needed:
             link.ask("enable_color_detection", is_enabled=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from mercator_design.config.colours import COLOURS, RGB, ColourName
 from mercator_design.errors import RobotError
 from mercator_design.modules.clustering import lidar_neighbours
-from mercator_design.modules.perception import perceive, proximity_weight
+from mercator_design.modules.perception import perceive, proximity_weight, ring_order
 from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.robot.devices.health import LineHealth, percent
 from mercator_design.robot.devices.link import Event
@@ -36,13 +36,28 @@ class Stale(NamedTuple):
     remedy: str = ""  # what to check, if it is not the line
 
 
-DEVICE_OF: Mapping[str, DeviceName] = {"proximity": "proximity", "neighbours": "lidar", "ground": "rvr"}
+DEVICE_OF: Mapping[str, DeviceName] = {
+    "proximity": "proximity",
+    "neighbours": "lidar",
+    "ground": "rvr",
+    "heading": "rvr",
+    "odometry": "rvr",
+    "ranges": "proximity",
+}
 """The device of each sense that modules read."""
+_SAMPLE_OF: Mapping[str, str] = {
+    "neighbours": "lidar",
+    "heading": "attitude",
+    "odometry": "position",
+    "ranges": "proximity",
+}
+"""The sample of each sense, where it has another name."""
 _DEVICE_OF_SAMPLE: Mapping[str, DeviceName] = {
     "proximity": "proximity",
     "lidar": "lidar",
     "ground": "rvr",
     "attitude": "rvr",
+    "position": "rvr",
 }
 
 
@@ -71,6 +86,7 @@ class Senses:
     neighbours: Distances [m] and bearings [rad] of the robots in the latest readings.
     sweep: The lidar's ranges, in a frame that does not turn with the robot.
     sight: Judges what it sees.
+    count_from_start: Whether what is needed depends on where heading and place began to count.
     lines: The share that arrives whole: of the lidar's turns, and of the other devices' bytes.
     """
 
@@ -89,8 +105,9 @@ class Senses:
         needed = why_needed(set(reads), model)
         if lacking := sorted(needed.keys() - DEVICE_OF.keys()):
             raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
-        self._turns_matter = bool(needed.keys() & {"proximity", "neighbours"})
-        self._needed = ["attitude", *("lidar" if sense == "neighbours" else sense for sense in sorted(needed))]
+        self._turns_matter = bool(needed.keys() & {"proximity", "neighbours", "heading"})
+        self.count_from_start = bool(needed.keys() & {"heading", "odometry"})
+        self._needed = [*dict.fromkeys(["attitude", *(_SAMPLE_OF.get(sense, sense) for sense in sorted(needed))])]
         self._settings, self._model, self._labels = settings, model, labels
         self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
@@ -183,7 +200,18 @@ class Senses:
             float(n),
             ground,
             (0.0, 0.0),
+            self._motion(now),
+            [weights[k] for k in ring_order(angles)],
         )
+
+    def _motion(self, now: float) -> tuple[float, float, float]:
+        """Heading [rad] and place [m] since the robot was started up."""
+        turned, x, y = 0.0, 0.0, 0.0
+        if self._stale("attitude", now) is None:
+            turned = math.remainder(heading(self.samples, now), math.tau)
+        if self._stale("position", now) is None:
+            x, y = self.samples["position"].values
+        return turned, x, y
 
     def _find_neighbours(self, now: float) -> int:
         """Find `neighbours` in the lidar's last turn, if it is fresh; return their number."""

@@ -20,6 +20,7 @@ from mercator_design.modules.reference import (
     ACTIONS,
     LED_COLOURS,
     MAX_SIGNAL,
+    N_RANGES,
     SCRATCH,
     Actions,
     Readings,
@@ -288,4 +289,8 @@ def _random_readings(random: Random) -> Readings:
         ground_blue=colour[2],
         light_x=light * math.cos(to_light),
         light_y=light * math.sin(to_light),
+        heading=random.choice((0.0, random.uniform(-math.pi, math.pi))),
+        odometry_x=random.choice((0.0, random.uniform(-100.0, 100.0))),
+        odometry_y=random.choice((0.0, random.uniform(-100.0, 100.0))),
+        **{f"ranges_{k}": random.choice((0.0, random.random(), 1.0)) for k in range(N_RANGES)},
     )

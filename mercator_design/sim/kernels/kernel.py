@@ -15,7 +15,7 @@ import math
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.modules.architecture import ControlProgram
-from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.modules.module import EVERYTHING, GROUND, NEIGHBOURS, PROXIMITY
 from mercator_design.modules.reference import ACTIVE, ReferenceModel, led_colour_of, signal_of
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
@@ -36,9 +36,6 @@ from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.swarm import History, Swarm
 from mercator_design.software.architectures import control
-
-EVERYTHING = PROXIMITY | NEIGHBOURS | GROUND | LIGHT
-"""All senses; a sense that the robot lacks has neutral readings."""
 
 FREE = -1
 

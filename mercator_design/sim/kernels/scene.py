@@ -18,6 +18,18 @@ class Proximity(NamedTuple):
     furthest: float  # [m]
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of the weights
+    order: Numbers  # (N_RANGES,) of the sensors counter-clockwise from the front; empty: there are more or fewer
+
+
+class Motion(NamedTuple):
+    """The sensors of the robot's own motion that modules read."""
+
+    has_imu: bool
+    imu_range: Floats  # (2,) [rad]
+    imu_noise: Floats
+    has_locator: bool
+    locator_range: Floats  # (2,) [m]
+    locator_noise: Floats
 
 
 class Ground(NamedTuple):
@@ -115,6 +127,7 @@ class Scene(NamedTuple):
     neighbours: Neighbours
     light: Light
     lidar: Lidar
+    motion: Motion
     control_period: float  # [s]
     wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle

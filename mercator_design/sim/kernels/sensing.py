@@ -5,7 +5,7 @@ import math
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.modules.clustering import neighbours_in_hits
-from mercator_design.modules.module import GROUND, LIGHT, NEIGHBOURS, PROXIMITY
+from mercator_design.modules.module import GROUND, HEADING, LIGHT, NEIGHBOURS, ODOMETRY, PROXIMITY, RANGES
 from mercator_design.modules.perception import (
     gray_level,
     ground_by_vote,
@@ -18,8 +18,10 @@ from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import scan_near
 from mercator_design.sim.kernels.noise import (
     GROUND_DRAWS,
+    IMU_DRAWS,
     LIGHT_ANGLE_DRAWS,
     LIGHT_DRAWS,
+    LOCATOR_DRAWS,
     NEIGHBOURS_ANGLE_DRAWS,
     NEIGHBOURS_DRAWS,
     NEIGHBOURS_LOSS_DRAWS,
@@ -43,9 +45,15 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     n = 0
     count = 0.0
     light_x, light_y = 0.0, 0.0
-    if senses & PROXIMITY:
+    heading, x, y = 0.0, 0.0, 0.0
+    if senses & (PROXIMITY | RANGES):
         sense_obstacles(scene, model, swarm, cycle, i)
-    else:
+    for k in range(len(swarm.ranges)):
+        swarm.ranges[k] = 0.0
+    if senses & RANGES:
+        for k in range(len(scene.proximity.order)):
+            swarm.ranges[k] = swarm.proximity[scene.proximity.order[k]]
+    if not senses & PROXIMITY:
         for k in range(len(swarm.proximity)):
             swarm.proximity[k] = 0.0
     if senses & NEIGHBOURS:
@@ -61,6 +69,10 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
             swarm.ground[k] = 255.0
     if senses & LIGHT:
         light_x, light_y = sense_light(scene, model, swarm, cycle, i)
+    if senses & HEADING and scene.motion.has_imu:
+        heading = sense_heading(scene, swarm, cycle, i)
+    if senses & ODOMETRY and scene.motion.has_locator:
+        x, y = sense_place(scene, swarm, cycle, i)
     return perceive(
         model,
         swarm.proximity,
@@ -73,7 +85,30 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
         count,
         swarm.ground,
         (light_x, light_y),
+        (heading, x, y),
+        swarm.ranges,
     )
+
+
+@jittable
+def sense_heading(scene: Scene, swarm: Swarm, cycle: int, i: int) -> float:
+    """The heading of robot i by its IMU, which measures pitch, roll and yaw, counted from that at the start."""
+    low, high = scene.motion.imu_range[0], scene.motion.imu_range[1]
+    yaw = math.atan2(swarm.poses[i, 4], swarm.poses[i, 3])
+    yaw += noise(scene.motion.imu_noise, swarm.noise_keys[i], IMU_DRAWS, 3 * cycle + 2)
+    turned = max(low, min(high, yaw)) - swarm.starts[i, 2]
+    return math.atan2(math.sin(turned), math.cos(turned))
+
+
+@jittable
+def sense_place(scene: Scene, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
+    """The place of robot i by its locator, along the axes that the robot had at the start."""
+    low, high, row = scene.motion.locator_range[0], scene.motion.locator_range[1], scene.motion.locator_noise
+    x = swarm.poses[i, 0] - swarm.starts[i, 0] + noise(row, swarm.noise_keys[i], LOCATOR_DRAWS, 2 * cycle)
+    y = swarm.poses[i, 1] - swarm.starts[i, 1] + noise(row, swarm.noise_keys[i], LOCATOR_DRAWS, 2 * cycle + 1)
+    x, y = max(low, min(high, x)), max(low, min(high, y))
+    c, s = swarm.starts[i, 3], swarm.starts[i, 4]
+    return c * x + s * y, c * y - s * x
 
 
 @jittable

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Keys, Numbers
-from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, N_RANGES, Readings, ReferenceModel
 from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 
@@ -19,6 +19,7 @@ class Swarm(NamedTuple):
     """The changing state: one row for each robot."""
 
     poses: Floats  # (robots, 5) x [m], y [m], heading [rad], its cosine and sine
+    starts: Floats  # (robots, 5) the same at the start
     velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
     commands: Floats  # (robots, 2) speed of the left and right tread [m/s]
     targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
@@ -39,6 +40,7 @@ class Swarm(NamedTuple):
     order: Numbers  # (robots,)
     # Scratch for the senses of one robot.
     proximity: Floats  # (sensors,)
+    ranges: Floats  # (N_RANGES,)
     light: Floats  # (sensors,) of the ring of light sensors
     scan: Floats  # (beams,) of the lidar
     hits: Numbers  # (beams,) those that something is in range of
@@ -70,8 +72,11 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
     max_neighbours = max(n * (1 + recalled), beams)  # a cluster of beams need not be a robot
     directed = np.zeros((n, 5))
     directed[:, :3] = poses
+    starts = directed.copy()
+    starts[:, 3:] = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
     return Swarm(
         poses=directed,
+        starts=starts,
         velocities=np.zeros((n, 3)),
         commands=np.zeros((n, 2)),
         targets=np.zeros((n, 3)),
@@ -89,6 +94,7 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         meetings=np.zeros((n + min(n * (n - 1) // 2, _MEETINGS * n), 3), dtype=np.int64),
         order=np.zeros(n, dtype=np.int64),
         proximity=np.zeros(len(scene.proximity.directions_x)),
+        ranges=np.zeros(N_RANGES),
         light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),
         hits=np.zeros(beams, dtype=np.int64),

@@ -70,19 +70,16 @@ def perceives(model, readings, memory, u):
     return Actions(0.5 + 0.0 * readings.odometry_x, 0.8 + 0.0 * readings.ranges_0, -1.0, 0.0)
 
 
-def test_heading_and_odometry_count_from_the_start(robot):
+def test_motion_and_ranges_are_those_of_the_devices(robot):
+    near = (0.2, 0.1, math.inf, math.inf, 0.3, math.inf, math.inf, 0.15)
+    measured = {"locator": (0.3, 0.1), "imu": (0.0, 0.0, 0.5), "proximity": near}
+    robot.act(lambda run: run.devices.measured.update(measured))
     with entered(perceives, reads={"heading", "odometry", "ranges"}):
-        robot.run("--nstates 1 --s0 0", "--flavour", "tested", "--duration", "3")
+        robot.run("--nstates 1 --s0 0", "--flavour", "tested", "--duration", "2")
         assert robot.ended()[0] == 0, robot.ended()
-    cycles = [event for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
-    named = [Readings(*event["readings"]) for event in cycles]
-    assert [round(one, 2) for one in (named[0].heading, named[0].odometry_x, named[0].odometry_y)] == [0, 0, 0]
-    last, sensed = named[-1], cycles[-1]["sensed"]
-    assert (last.odometry_x, last.odometry_y) == pytest.approx(sensed["position"][1:], abs=1e-6)
-    assert last.odometry_x > 0.1
-    assert last.odometry_y > 0.02
-    assert last.heading == pytest.approx(sensed["attitude"][-1], abs=0.2)
-    assert last.heading > 0.3
-    order = [1, 0, 7, 6, 5, 4, 3, 2]
-    weights = [proximity_weight(ReferenceModel(), math.inf if x is None else x) for x in sensed["proximity"][1:]]
-    assert perception.ranges(last) == pytest.approx([weights[k] for k in order], abs=1e-4)
+    cycles = [Readings(*event["readings"]) for event in read(robot.folder / "log.jsonl") if event["event"] == "cycle"]
+    assert (cycles[0].heading, perception.ranges(cycles[0])) == (pytest.approx(0.0, abs=1e-5), (0.0,) * 8)
+    last = cycles[-1]
+    assert (last.heading, last.odometry_x, last.odometry_y) == pytest.approx((0.5, 0.3, 0.1), abs=1e-3)
+    weights = [proximity_weight(ReferenceModel(), near[k]) for k in (1, 0, 7, 6, 5, 4, 3, 2)]
+    assert perception.ranges(last) == pytest.approx(weights, abs=1e-6)

@@ -48,8 +48,6 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     heading, x, y = 0.0, 0.0, 0.0
     if senses & (PROXIMITY | RANGES):
         sense_obstacles(scene, model, swarm, cycle, i)
-    for k in range(len(swarm.ranges)):
-        swarm.ranges[k] = 0.0
     if senses & RANGES:
         for k in range(len(scene.proximity.order)):
             swarm.ranges[k] = swarm.proximity[scene.proximity.order[k]]
@@ -73,7 +71,7 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
         heading = sense_heading(scene, swarm, cycle, i)
     if senses & ODOMETRY and scene.motion.has_locator:
         x, y = sense_place(scene, swarm, cycle, i)
-    return perceive(
+    readings = perceive(
         model,
         swarm.proximity,
         scene.proximity.counts_x,
@@ -88,6 +86,10 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
         (heading, x, y),
         swarm.ranges,
     )
+    if senses & RANGES:  # they stay neutral for others
+        for k in range(len(swarm.ranges)):
+            swarm.ranges[k] = 0.0
+    return readings
 
 
 @jittable

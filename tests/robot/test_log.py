@@ -204,7 +204,7 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         (
             3,
             {"readings": [0.5] * 11},
-            "cycle.readings: expected a list of at least 10 and at most 10, found",
+            "cycle.readings: expected a list of at least 21 and at most 21, found",
         ),
         (3, {"draw": 0.5}, "cycle.draw: unknown key; did you mean 'draws'?"),
         (3, {"draws": [1.0] * DRAWS}, "cycle.draws[0]: expected a number from 0 to below 1, found 1.0"),

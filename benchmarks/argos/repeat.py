@@ -168,7 +168,8 @@ def draw(
         p = found[0]
         fires = False
         # The original draws where the ground is as it should be, also if the probability there is 0.
-        certain[: len(parameters)] = parameters
+        for j in range(1, len(parameters)):
+            certain[j] = parameters[j]
         certain[0] = 1.0
         probability(tested.modules[edge], model, readings, certain[: len(parameters)], swarm.memory[i], found)
         if not _LOOKS_FIRST >> tested.modules[edge] & 1 or found[0] > 0.0:

@@ -31,7 +31,7 @@ _ADVICE = (
     (r"Cannot unify", "give the variable one type on every way: 1.0 is a float, 1 an integer, a tuple has one length"),
     (
         r"must not make arrays, lists or texts",
-        "keep numbers in `memory` (memory=... of the mark), and use tuples of numbers",
+        "keep numbers in the rows that it is given, such as `memory`, and use tuples of numbers",
     ),
     (r"setitem>?\) found|setitem\(array", "rows hold floats; a condition returns one number, its probability"),
     (

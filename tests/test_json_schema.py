@@ -186,7 +186,7 @@ def test_descriptions_are_comments_or_else_docstrings():
         == disc["description"]
         == "The points at most `radius` from `center`."
     )
-    assert robot["properties"]["leds"]["description"] == "Lamps that show the state."
+    assert robot["properties"]["leds"]["description"] == "Lamps that show the state, unless modules set them."
     (trips,) = (
         each for each in MISSION["$defs"]["Objective"]["oneOf"] if each["properties"]["name"].get("const") == "trips"
     )

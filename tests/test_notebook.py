@@ -36,7 +36,7 @@ LINES = {
     "Scores": "<Scores: mean ",
     "DesignRun": "<DesignRun of aggregation: 60 of 60 experiments, configuration ",
     "RaceResult": "<RaceResult: configuration ",
-    "RobotModel": "<RobotModel mercator: ground, neighbours, proximity>",
+    "RobotModel": "<RobotModel mercator: ground, heading, neighbours, odometry, proximity, ranges>",
 }
 
 

@@ -703,7 +703,21 @@ class TestRecord:
         assert "seed 3, score" in text
         table = pd.read_csv(out)
         assert list(table.columns) == [
-            *["time", "robot", "x", "y", "heading", "state", "imu_0", "imu_1", "imu_2", "wheels_0", "wheels_1"]
+            *[
+                "time",
+                "robot",
+                "x",
+                "y",
+                "heading",
+                "state",
+                "led_colour",
+                "signal",
+                "imu_0",
+                "imu_1",
+                "imu_2",
+                "wheels_0",
+                "wheels_1",
+            ]
         ]
         assert table.time.unique().tolist() == [0.5, 1.0, 1.5, 2.0]
         assert len(table) == 4 * 3
@@ -762,7 +776,7 @@ class TestRecord:
             (
                 ["-o", "trace.csv", "--devices", "lidar", "--set", "duration=86400"],
                 1,
-                "poses, states, lidar: a recording of 14832 MiB, expected at most 2048 MiB; record fewer devices",
+                "poses, states, lidar: a recording of 15129 MiB, expected at most 2048 MiB; record fewer devices",
             ),
         ],
     )

@@ -406,7 +406,7 @@ def made(recording):
             len(near),
             ground,
             light_direction(model, lights[cycle, i], scene.light.directions_x, scene.light.directions_y),
-        )
+        )[:10]
     return found
 
 
@@ -431,7 +431,7 @@ def test_controllers_read_what_devices_measured(model):
         overrides=[lights((0.5, 0.2, 0.5, 2.0))],
     )
     outcome = world.run(EXPLORE, 3, record=True)
-    read = outcome.history.readings
+    read = outcome.history.readings[..., :10]  # the others: test_motion_senses.py
     assert made(outcome.recording) == pytest.approx(read, abs=1e-9)
     assert np.ptp(read[:, :, [0, 2, 3, 5, 8]], axis=(0, 1)).min() > 0.1  # each sense had something to read
 

@@ -82,16 +82,16 @@ def test_the_header_tells_a_robot_what_was_raced():
 
 
 def test_the_digest_is_of_every_file_with_a_kernel_of_control_software():
-    assert {f.__module__ for f in marked() if ".fsm." in f.__module__} <= {
-        f"mercator_design.fsm.{name}" for name in FILES
-    }
+    covered = {f"mercator_design.{folder}.{name}" for folder, names in FILES.items() for name in names}
+    rooms = tuple(f"mercator_design.{folder}." for folder in FILES)
+    assert {function.__module__ for function in marked() if function.__module__.startswith(rooms)} <= covered
 
 
-def test_no_more_pfsms_are_kept_than_run_at_a_time(monkeypatch):
-    monkeypatch.setattr(designer, "MAX_PFSMS", 3)
+def test_no_more_control_software_is_kept_than_run_at_a_time(monkeypatch):
+    monkeypatch.setattr(designer, "MAX_SOFTWARE", 3)
     one = Designer(Simulator(load_mission("aggregation", ["duration=1"])), budget=100, seed=1)
     one.optimizer.ask()
     items = [one.item(Experiment(number, 0), one.optimizer.configurations[number])[0] for number in range(10)]
-    assert len(one._pfsms) <= 3
+    assert len(one._software) <= 3
     assert items[9] is one.item(Experiment(9, 0), one.optimizer.configurations[9])[0]
     assert items[0] == one.item(Experiment(0, 0), one.optimizer.configurations[0])[0]

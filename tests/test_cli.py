@@ -522,7 +522,7 @@ class TestMissions:
 
     def test_a_terminal_shows_the_beginning_of_what_a_mission_is(self):
         line = next(line for line in missions_table(80).splitlines() if line.startswith("aggregation "))
-        assert load_mission("aggregation").description.startswith(line[40:-1])
+        assert load_mission("aggregation").description.startswith(line[:-1].rpartition("  ")[2])
         assert len(line) == 80
 
     def test_list_for_programs(self, mdesign):
@@ -672,7 +672,7 @@ def test_heavy_modules_are_loaded_when_they_are_needed():
 
 
 def test_control_software_runs_on_the_standard_library_alone():
-    """As on the robot: every module of fsm imports and runs where nothing heavy is installed."""
+    """As on the robot: every module of control software imports and runs where nothing heavy is installed."""
     script = f"""
 import sys
 class Absent:
@@ -681,12 +681,15 @@ class Absent:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Absent())
 import importlib, pkgutil, mercator_design.fsm as fsm
-for module in pkgutil.iter_modules(fsm.__path__):
-    importlib.import_module('mercator_design.fsm.' + module.name)
-controller = fsm.Controller(fsm.parse({W1!r}))
+from mercator_design.software import Controller
+for room in ('fsm', 'modules', 'network', 'plugins', 'software', 'tree'):
+    package = importlib.import_module('mercator_design.' + room)
+    for module in pkgutil.iter_modules(package.__path__):
+        importlib.import_module('mercator_design.' + room + '.' + module.name)
+controller = Controller(fsm.parse({W1!r}))
 for _ in range(5):
     wheels = controller.step(fsm.Readings(ground_red=0., ground_green=0., ground_blue=0.), [0.1] * 9)
-assert controller.state == 1 and wheels == (0, 0), wheels
+assert controller.state == 1 and wheels[:2] == (0, 0), wheels
 """
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)

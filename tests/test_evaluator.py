@@ -100,8 +100,9 @@ def test_it_compares_all_that_are_alive(mdesign, folder, tmp_path):
     assert abs(results.x[0] - 7) <= 2
     (run,) = json.loads(mdesign("runs", "list", tmp_path, "--json")[1])
     table = mdesign("runs", "show", tmp_path / "r")[1].partition("\niteration ")[2].splitlines()
-    last = dict(zip(["iteration", *table[0].split()], table[len(record.iterations)].split(), strict=False))
-    assert run["score"] == pytest.approx(results["mean"][0])  # by the scores that there are in the end
+    head = ["iteration", *table[0].replace("race mean", "mean").split()]
+    last = dict(zip(head, table[len(record.iterations)].split(), strict=False))
+    assert run["race_score"] == pytest.approx(results["mean"][0])  # by the scores that there are in the end
     assert float(last["mean"]) == pytest.approx(results["mean"][0], rel=1e-3)
     tests = [step for step in steps(folder) if step[2] in {test.seed for test in record.tests.values()}]
     assert [step[0] for step in tests] == ["run"] * (len(tests) // 2) + ["evaluate"] * (len(tests) // 2)

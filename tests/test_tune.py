@@ -93,7 +93,7 @@ class TestTune:
         assert (code, err) == (0, "")
         assert "Scenario   sharpen, seed 3; scores are costs: lower is better\n" in out
         assert "of 110 experiments, " in out
-        assert "Tested     on fresh instances" in out
+        assert " on 2 fresh instances" in out
         run = folder / "runs" / "sharpen-1"
         results = pd.read_csv(run / "results.csv")
         assert (results.x[0], results.rule[0], results.tests[0]) == (7, "fast", 2)

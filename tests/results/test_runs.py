@@ -47,6 +47,7 @@ from mercator_design.results.analysis.ablation import Ablation
 from mercator_design.results.analysis.pruning import without
 from mercator_design.results.files import JOURNAL
 from mercator_design.results.tables import configurations_table, experiments_table
+from mercator_design.scores import ANY_SCORE
 from mercator_design.show.text.analysis import ablation_csv, ablation_page
 from mercator_design.show.text.columns import difference, with_notes_wrapped
 from mercator_design.show.text.iterations import iterations_table
@@ -1051,7 +1052,7 @@ class TestAnalysis:
         )
         less = without(whole, frozenset({(1, 0)}))
         task = SimpleNamespace(name="aggregation", columns=Designer.columns, start=lambda: {"flavour": "watermelon"})
-        task.score = lambda cost: -cost
+        task.score, task.possible_scores = (lambda cost: -cost), ANY_SCORE
         steps = (
             Step(change="", variant=0, costs=(1.0, 1.2), p_value=math.nan),
             Step(change="without transition 1 -> 0", variant=1, costs=costs, p_value=p),

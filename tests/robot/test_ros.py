@@ -318,7 +318,7 @@ class TestServe:
         assert asked(simulated) >= 2
         assert said[0].startswith("mercator: ")
 
-    def drive(self, devices, silent):
+    def wheels(self, devices, silent):
         driven = [each for each in devices.wheels if any(each[1:])]
         assert {(round(left, 6), round(right, 6)) for _, left, right in driven} == {(0.1, 0.25), (-0.2, -0.1)}
         rests = next(when for when, left, _ in devices.wheels if when > silent and left == 0.0)

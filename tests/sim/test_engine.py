@@ -133,5 +133,5 @@ def test_replay(simulator, seed):
             wheels = controller.step(
                 Readings(*history.readings[cycle, robot].tolist()), history.draws[cycle, robot].tolist()
             )
-            assert tuple(wheels) == tuple(history.wheels[cycle, robot])
+            assert tuple(wheels[:2]) == tuple(history.wheels[cycle, robot])
             assert controller.state == history.states[cycle, robot]

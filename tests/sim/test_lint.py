@@ -10,7 +10,7 @@ from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.module import CONDITIONS
+from mercator_design.modules.flavour import enter_flavour, flavour_from
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Uniform
@@ -43,9 +43,14 @@ REST = State("stop", (), (BACK,))
 GO = by("black floor", 0.5)
 
 
-def test_situations_have_all_that_conditions_read():
-    senses = set().union(*(one.reads for one in CONDITIONS.values()))
-    assert senses == {"ground", "neighbours"}, "lint has to try more situations"
+@pytest.mark.usefixtures("registries")
+def test_conditions_on_other_senses_are_not_judged():
+    """Lint tries grounds and numbers of neighbours; of what else a robot may perceive it knows nothing."""
+    text = "schema: 1\nbehaviours: {stop: 0}\nconditions: {obstacle: 0, light: 1}\n"
+    enter_flavour(flavour_from(text, "near.yaml"))
+    edges = (Transition("obstacle", (1.0,), 1), Transition("light", (1.0,), 1))
+    pfsm = Pfsm((State("stop", (), edges), State("stop", (), (Transition("obstacle", (1.0,), 0),))), "near")
+    assert lint(pfsm, ("a", "b")) == []
 
 
 def test_a_sound_pfsm_has_no_findings():

@@ -20,7 +20,7 @@ def check(folder, cycles, changes):
     behaviours = set()
     for robot in range(ROBOTS):
         log = folder / f"run{robot}.jsonl"
-        behaviours |= {state.behaviour for state in controller_of(next(log_module.read(log)))[0].states}
+        behaviours |= {state.behaviour for state in controller_of(next(log_module.read(log))).software.states}
         decided, seen = decisions(log), perception(folder, robot)
         assert decided.cycles == seen.cycles >= cycles
         assert decided.changes >= changes

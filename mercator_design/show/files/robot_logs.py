@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, TypeAlias
 
 from mercator_design import __version__
 from mercator_design.fsm import Readings
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.robot.devices.samples import FIELDS
 from mercator_design.robot.devices.sweep import BINS, STEP
 from mercator_design.robot.logs.events import (
@@ -187,7 +188,8 @@ class _Run(ExportedLog):
         super().__init__(start, events)
         self._controller = controller_of(start)
         software = self._controller.software
-        self._names = part_names(software)
+        usual = part_names(software)
+        self._names = [one.behaviour for one in software.states] if isinstance(software, Pfsm) else usual
 
     def _state(self, event: CycleDone) -> dict[str, object]:
         """The values of _CYCLE."""

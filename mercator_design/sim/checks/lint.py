@@ -57,6 +57,13 @@ def _beta(edge: Transition) -> float | None:
     return edge.parameters[0] if named[:1] == ["beta"] else None
 
 
+def _chance(edge: Transition, model: ReferenceModel, readings: Readings) -> float:
+    """The probability of a transition in a situation; NaN if its condition also depends on other things."""
+    module = edge.module
+    is_known = module.reads <= {"ground", "neighbours"} and module.memory == 0
+    return module.probability(model, readings, edge.parameters) if is_known else math.nan
+
+
 def _is_twin(one: Transition, other: Transition) -> bool:
     """Whether two transitions of a state have the same condition and target, but perhaps another probability beta."""
     free = int(_beta(one) is not None)
@@ -90,8 +97,7 @@ class _Linter:
         self.situations = _situations(mission, model)
         reference = model.reference_model if model else ReferenceModel()
         self.chances = {
-            (i, j): [edge.module.probability(reference, each, edge.parameters) for each in self.situations]
-            for i, j, edge in self._edges()
+            (i, j): [_chance(edge, reference, each) for each in self.situations] for i, j, edge in self._edges()
         }
         self.dead = {place for place, chances in self.chances.items() if max(chances) <= NEGLIGIBLE}
 

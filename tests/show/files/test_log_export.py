@@ -121,7 +121,7 @@ class TestCsv:
         for log in logs:
             file = io.BytesIO()
             to_csv(log, file)
-            pfsm = controller_of(next(log_module.read(log)))
+            pfsm = controller_of(next(log_module.read(log))).software
             for row in pd.read_csv(io.BytesIO(file.getvalue()), keep_default_na=False).to_dict("records"):
                 state = pfsm.states[row["state"]]
                 assert row["behaviour"] == state.behaviour

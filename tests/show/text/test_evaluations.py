@@ -45,7 +45,7 @@ class TestLines:
         found = read_fsms(lines)
         assert {number: file.pfsm for number, file in found.items()} == {3: parse(STOP), 4: parse(WALK), 6: parse(W1)}
         assert all(file.header["mission"] == "aggregation" for file in found.values())
-        with pytest.raises(FsmError, match=r"expected one line with a PFSM, found 3 \(line 3, line 4, line 6\)"):
+        with pytest.raises(FsmError, match=r"one line with control software, found 3 \(line 3, line 4, line 6\)"):
             read_fsm(lines)
 
     def test_one_line_is_a_file_of_one(self, tmp_path):

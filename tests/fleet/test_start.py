@@ -205,6 +205,7 @@ def test_one_that_cannot_be_reached_any_more_is_stopped_over_another_connection(
             'os.execvp("sh"',
             """if host == "r2" and "--await-start" in words[-1]:
         import subprocess
+        from pathlib import Path
         streams = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         child = subprocess.Popen(["sh", "-c", " ".join(words[1:])], start_new_session=True, **streams)
         while not Path("mercator/pid").exists():

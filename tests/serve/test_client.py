@@ -77,7 +77,7 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     job, ((_, err), (out, progress)) = done, told
     assert err == f"Submitted; its page: {server}/jobs/{job}\n"
     events = [json.loads(line) for line in out.splitlines()]
-    assert [events[0]["event"], events[-1]["event"]] == ["start", "end"]
+    assert [events[0]["event"], events[-1]["event"]] == ["start", "test"]  # those of the winner follow the end
     assert sum(event["event"] == "experiment" for event in events) == 60
     assert "iteration 1 ended" in progress
     assert f"{job}: finished, 60 of 60 experiments, score " in progress

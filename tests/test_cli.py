@@ -660,7 +660,7 @@ def test_heavy_modules_are_loaded_when_they_are_needed():
     """None for help; a verb loads neither numba nor what the processes and statistics of races need."""
     script = (
         "import sys; from mercator_design.cli import cli; cli(['--help'], standalone_mode=False);"
-        "heavy = {'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'yaml', 'matplotlib'};"
+        "heavy = {'numpy', 'numba', 'pymunk', 'scipy', 'pandas', 'joblib', 'optuna', 'rich', 'matplotlib'};"
         "print('heavy:', *heavy & set(sys.modules));"
         "import mercator_design.cli.races.race, mercator_design.cli.races.tune, mercator_design.cli.races.runs;"
         "heavy = {'numba', 'scipy.special', 'scipy.ndimage', 'pandas', 'joblib', 'optuna', 'matplotlib'};"

@@ -1,7 +1,6 @@
 """Files of control software: fsm.txt, a line of its text below comments, and fsm.yaml, a PFSM that people read.
 
-A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt. PyYAML is imported
-only for an fsm.yaml, because commands import this module at their start.
+A file is read by what is in it, so either may have any name: robots get a copy of either as fsm.txt.
 """
 
 import contextlib

@@ -28,6 +28,8 @@ _MAX_SIZE = 64 * 1024
 _LIMITS = {"pfsm": ("states", "transitions"), "network": ("weight",), "tree": ("branches", "conditions")}
 _USUAL_LIMITS = {"states": 4, "transitions": 4, "weight": 5, "branches": 4, "conditions": 1}
 _MAX_LIMIT = 16
+_OF_ROBOTS = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
+"""Constants by which a robot has room for what it remembers: a robot model alone sets them."""
 
 Number = Annotated[int, Range(0, 99)]
 Limit = Annotated[int, Range(1, _MAX_LIMIT)]
@@ -91,6 +93,9 @@ def _constants_are_valid(constants: Mapping[str, float] | None) -> Iterator[Fiel
             near = spelling.nearest(name, known)
             hint = f"; did you mean '{near}'?" if near else ""
             yield FieldError(f"constants.{name}", f"expected a constant of the reference model{hint}")
+            continue
+        if name in _OF_ROBOTS:
+            yield FieldError(f"constants.{name}", "expected this constant in the robot model: robots remember by it")
             continue
         kind, rules = known[name][0], unwrapped(known[name][0])[1]
         if not all(rule.allows(value) for rule in rules):

@@ -203,8 +203,19 @@ def test_the_cache_is_named_by_every_file_that_has_kernels():
     names = {file.name for file in kernel_sources.package_files()}
     package = kernel_sources.package_files()[0].parents[1]
     for file in package.rglob("*.py"):
-        if "@jittable" in file.read_text():
+        if "@jittable" in file.read_text() and "mapping" not in file.parts:
             assert file.name in names
+
+
+def test_kernels_of_the_mapper_name_their_cache_and_not_the_races():
+    from mercator_design.mapping import poses
+
+    assert kernel_sources.foreign_part(poses.relative, jit.marked())
+    assert kernel_sources.foreign_part(poses.relative, jit.marked()) != kernel_sources.foreign_part(
+        poses.wrapped, jit.marked()
+    )
+    assert poses.relative not in jit._foreign()
+    assert not any("mapping" in file.parts for file in kernel_sources.package_files())
 
 
 class TestPartsOfOtherKernels:

@@ -17,18 +17,23 @@ from typing import Any
 Kernel = Callable[..., Any]
 
 _PACKAGE = Path(__file__).parents[1]
+_FOLDERS = ("compiling", "fsm", "missions", "modules", "network", "sim", "software", "tree")
 
 
 def package_files() -> list[Path]:
-    """The source files of this package from which compiled code is made."""
-    folders = ("compiling", "fsm", "missions", "modules", "network", "sim", "software", "tree")
-    files = [file for folder in folders for file in sorted((_PACKAGE / folder).rglob("*.py"))]
+    """The source files of this package from which the compiled code of experiments is made."""
+    files = [file for folder in _FOLDERS for file in sorted((_PACKAGE / folder).rglob("*.py"))]
     return [*files, *(_PACKAGE / f"{name}.py" for name in ("seeds", "jit"))]
 
 
 def is_foreign(kernel: Kernel) -> bool:
     """Whether a kernel is not of this package."""
     return not kernel.__code__.co_filename.startswith(f"{_PACKAGE}{os.sep}")
+
+
+def _has_own_digest(kernel: Kernel) -> bool:
+    """Whether a kernel is foreign or of the mapper, whose kernels no experiment runs: races do not depend on them."""
+    return is_foreign(kernel) or kernel.__code__.co_filename.startswith(f"{_PACKAGE / 'mapping'}{os.sep}")
 
 
 def sources(kernels: Iterable[Kernel]) -> dict[Path, bytes]:
@@ -54,14 +59,14 @@ def digest(files: Iterable[Path], foreign: Collection[Kernel]) -> str:
 
 
 def foreign_part(entry: Kernel, marked: Collection[Kernel]) -> str:
-    """A digest of the foreign kernels in the compiled form of an entry function; empty if there are none.
+    """A digest of the kernels of plugins or the mapper in the compiled form of an entry function; empty without them.
 
     `marked` are all functions that compiled code may call.
     """
-    if not (is_foreign(entry) or any(map(is_foreign, marked))):
+    if not (_has_own_digest(entry) or any(map(_has_own_digest, marked))):
         return ""
-    foreign = [kernel for kernel in reached(entry, marked) if is_foreign(kernel)]
-    return digest((), foreign)[:16] if foreign else ""
+    apart = [kernel for kernel in reached(entry, marked) if _has_own_digest(kernel)]
+    return digest((), apart)[:16] if apart else ""
 
 
 def renamed(kernel: Kernel, part: str) -> Kernel:

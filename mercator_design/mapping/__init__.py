@@ -1,0 +1,1 @@
+"""Maps from the lidars and odometries of robots, made after the run."""

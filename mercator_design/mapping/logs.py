@@ -1,0 +1,44 @@
+"""What the mapper reads of a robot: turns of its lidar, odometry, and the true poses where they are known."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from mercator_design.arrays import Floats
+
+
+class Turn(NamedTuple):
+    """One turn of a lidar; its beams are in the order of time (those of an X4 go clockwise: the angles fall)."""
+
+    times: Floats  # (n,) [s] of each beam, rising
+    angles: Floats  # (n,) [rad], counter-clockwise, in the frame of the lidar
+    ranges: Floats  # (n,) [m]; 0 where nothing returned
+
+    @property
+    def middle(self) -> float:
+        """The reference time [s] of the turn: the middle between its first and last beam."""
+        return 0.5 * float(self.times[0] + self.times[-1])
+
+
+def _no_offset() -> Floats:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class RobotLog:
+    """The log of one robot, on one clock."""
+
+    name: str
+    turns: list[Turn]  # in the order of time; none is empty
+    odometry_times: Floats  # (m,) [s], rising
+    odometry: Floats  # (m, 3) [m, m, rad]; the headings are unwrapped
+    lidar_pose: Floats = field(default_factory=_no_offset)  # (3,) of the lidar on the robot
+    start: Floats | None = None  # (3,) of the robot in the common frame at the log's first time; None: unknown
+    truth_times: Floats | None = None  # (k,) [s], rising
+    truth: Floats | None = None  # (k, 3) of the robot; the headings are unwrapped
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last turn."""
+        return self.turns[-1].middle - self.turns[0].middle if self.turns else 0.0

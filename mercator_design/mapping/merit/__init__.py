@@ -1,0 +1,1 @@
+"""Figures of merit of maps and trajectories where the truth is known."""

@@ -1,0 +1,63 @@
+"""What the front end makes of a robot's log: poses of all turns, and keyframes with their points."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.arrays import Floats, Numbers
+from mercator_design.mapping.logs import RobotLog
+
+Points: TypeAlias = NDArray[np.float32]
+"""Points or unit normals (n, 2) [m] in the robot's frame at the reference time of a turn."""
+
+
+class Keyframes(NamedTuple):
+    """The turns of one robot of which a map is made; `first` and `points` are as rows of all keyframes together."""
+
+    turns: Numbers  # (k,) their turns in the log, rising
+    poses: Floats  # (k, 3) of the robot at the reference times, in the frame of the segment
+    segments: Numbers  # (k,) the segments that they belong to
+    first: Numbers  # (k + 1,) those of keyframe i are the points first[i] to first[i + 1]
+    points: Points  # (p, 2), de-skewed, without those of small clusters
+    normals: Points  # (p, 2) towards the lidar
+
+    def of(self, number: int) -> tuple[Points, Points]:
+        """The points and normals of a keyframe."""
+        one = slice(self.first[number], self.first[number + 1])
+        return self.points[one], self.normals[one]
+
+
+class Clusters(NamedTuple):
+    """Small free-standing clusters of returns: heads of other robots, and thin furniture."""
+
+    turns: Numbers  # (s,) rising
+    times: Floats  # (s,) [s] of their middle beam, on the clock of the odometry
+    points: Points  # (s, 2) their centroids in the robot's frame at the turn's reference time
+    beams: Numbers  # (s,) how many beams they have
+
+
+@dataclass(frozen=True)
+class Track:
+    """A robot's way. Poses of different segments are in different frames: between them the robot was lost."""
+
+    log: RobotLog
+    times: Floats  # (n,) [s] reference times of all turns, on the clock of the odometry: middle + lag
+    poses: Floats  # (n, 3) of the robot at these times, in the frame of the turn's segment
+    segments: Numbers  # (n,) the segment of each turn, from 0
+    shares: Floats  # (n,) of the points of a turn that match the map; 0 for turns that could not be matched
+    rates: Floats  # (n,) [rad/s] mean yaw rate during a turn
+    keyframes: Keyframes
+    clusters: Clusters
+    lag: float = 0.0  # [s] to add to the times of the lidar; negative if these are late
+    scale: float = 1.0  # by which the distances of the odometry are multiplied
+
+    @property
+    def n_segments(self) -> int:
+        return int(self.segments.max(initial=-1)) + 1
+
+    @property
+    def odometry(self) -> Floats:
+        """Poses (m, 3) of the log's odometry, with corrected scale."""
+        return self.log.odometry * (self.scale, self.scale, 1.0)

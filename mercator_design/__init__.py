@@ -7,13 +7,45 @@
 (1201, 5, 3)
 
 What is imported from here is loaded when it is first used, as robots have few of the packages that it needs. Types are
-in `__init__.pyi`; docs/how-to/use-from-python.md has more examples.
+in `__init__.pyi`; docs/how-to/use-from-python.md has more examples. Plugins import all that they need from here, too.
 """
 
 import importlib
 import sys
 
 __version__ = "0.1.0"
+
+_OF_PLUGINS = {
+    "Actions": "modules.reference:Actions",
+    "Ascending": "config.schema:Ascending",
+    "Colour": "config.colours:Colour",
+    "Designed": "modules.module:Designed",
+    "ExperimentSize": "missions.score_limits:ExperimentSize",
+    "FieldError": "config.schema:FieldError",
+    "FilePath": "config.schema:FilePath",
+    "KnownSwarm": "modules.module:KnownSwarm",
+    "Length": "config.schema:Length",
+    "NonNegative": "config.schema:NonNegative",
+    "OneOf": "config.schema:OneOf",
+    "Pattern": "config.schema:Pattern",
+    "Positive": "config.schema:Positive",
+    "Range": "config.schema:Range",
+    "Readings": "modules.reference:Readings",
+    "ReferenceModel": "modules.reference:ReferenceModel",
+    "Site": "missions.plugins:Site",
+    "When": "missions.plugins:When",
+    "Written": "modules.module:Written",
+    "Zone": "missions.plugins:Zone",
+    "Zones": "missions.plugins:Zones",
+    "behaviour": "modules.module:behaviour",
+    "condition": "modules.module:condition",
+    "define_flavour": "modules.flavour:define_flavour",
+    "drive": "modules.reference:drive",
+    "dynamic": "missions.plugins:dynamic",
+    "jittable": "jit:jittable",
+    "objective": "missions.plugins:objective",
+}
+"""Names for those who write plugins; those of missions/ need NumPy, which robots lack."""
 
 _PLACES = {
     "DesignRun": "api:DesignRun",
@@ -34,6 +66,7 @@ _PLACES = {
     "race": "race",
     "read_fsm": "software.files:read_fsm",
     "simulate": "api:simulate",
+    **_OF_PLUGINS,
 }
 """Name -> module and the name there; or a package."""
 

@@ -623,7 +623,7 @@ class TestSchema:
     def test_knows_plugins(self, mdesign, tmp_path):
         plugin = tmp_path / "mine.py"
         plugin.write_text(
-            "from mercator_design.missions.plugins import objective\n"
+            "from mercator_design import objective\n"
             "@objective\n"
             "def eastmost(\n"
             "    trace,\n"
@@ -871,7 +871,7 @@ class TestMessages:
             "set.txt": f"# mission: aggregation\n# set: {ESCAPE}\n{fsm}",
             "ignored.txt": f"{fsm} --n0 0 --nothing 3",
             "raises.py": f"raise ValueError({ESCAPE!r})",
-            "names.py": "from mercator_design.missions.plugins import objective\n"
+            "names.py": "from mercator_design import objective\n"
             f"def f(trace, *, x): ...\nf.__name__ = {ESCAPE!r}\nobjective(f)",
         }.items():
             (tmp_path / name).write_text(text)

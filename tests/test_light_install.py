@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import mercator_design
 from mercator_design.cli import VERBS
 from tests.tiers import some
 
@@ -44,6 +45,17 @@ def test_the_dependencies_are_those_of_a_robot():
 def test_mercator_robot(arguments):
     code, out, err = light("mercator-robot", *arguments)
     assert (code, out.startswith("Usage: mercator-robot"), err) == (0, True, "")
+
+
+def test_plugins_with_modules_need_no_more(tmp_path):
+    """All names for those who write plugins, but those of missions, are there on a robot."""
+    names = [name for name, place in mercator_design._OF_PLUGINS.items() if not place.startswith("missions.")]
+    assert {"behaviour", "condition", "drive", "Actions", "Range", "jittable", "define_flavour"} <= {*names}
+    done = subprocess.run(
+        [sys.executable, "-c", f"{BLOCKED}\nfrom mercator_design import {', '.join(names)}"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_help_of_mdesign_names_all_verbs():

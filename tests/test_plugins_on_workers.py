@@ -21,14 +21,14 @@ from tests.race.work import process_of
 from tests.tiers import some
 
 OBJECTIVE = """
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 @objective
 def constant(trace) -> float:
     return 1.0
 """
 WITH_HELPERS = """
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 @objective
 def constant(trace) -> float:
@@ -38,8 +38,7 @@ def constant(trace) -> float:
 DYNAMIC = """
 from dataclasses import dataclass
 
-from mercator_design.jit import jittable
-from mercator_design.missions.plugins import Zone, dynamic, objective
+from mercator_design import Zone, dynamic, jittable, objective
 
 @dataclass(frozen=True)
 class Bag:

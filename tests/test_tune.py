@@ -521,7 +521,7 @@ class TestExport:
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
         plugin, folder = tmp_path / "mine.py", tmp_path / "its own"
         plugin.write_text(
-            "from mercator_design.missions.plugins import objective\n\n"
+            "from mercator_design import objective\n\n"
             "@objective\ndef always(trace, *, score: float) -> float:\n    return score\n"
         )
         objective = "objective={name: always, score: 2.5, direction: maximise}"

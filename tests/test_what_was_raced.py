@@ -214,7 +214,7 @@ def mission_of(folder):
 
 
 PLUGIN = """
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 with open(LOG, "a") as file:
     file.write("{}")

@@ -19,9 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from mercator_design.jit import jittable
-from mercator_design.config.schema import FilePath
-from mercator_design.missions.plugins import dynamic, objective
+from mercator_design import FilePath, dynamic, jittable, objective
 
 File = Annotated[str, FilePath()]
 

@@ -32,7 +32,7 @@ NORTHERN = '''
 
 from __future__ import annotations
 
-from mercator_design.missions.plugins import When, Zones, objective
+from mercator_design import When, Zones, objective
 
 
 @objective
@@ -45,10 +45,8 @@ SHRINK = """
 # A zone that grows smaller, the faster the more robots are on it.
 from typing import Annotated
 
-from mercator_design.jit import jittable
-from mercator_design.config.schema import Positive
+from mercator_design import Positive, Zone, dynamic, jittable
 from mercator_design.missions.floor_kernels import zone_contains
-from mercator_design.missions.plugins import Zone, dynamic
 
 
 @jittable
@@ -198,12 +196,12 @@ class TestLoading:
     @pytest.mark.parametrize(
         ("body", "message"),
         [
-            ("1 / 0", "my.py:21: dynamic shrinking: ZeroDivisionError: division by zero"),
-            ("return 3", "my.py:19: dynamic shrinking must return rows of numbers: 'int' object is not iterable"),
-            ("return [(1.0, 2.0), (1.0,)]", "my.py:19: dynamic shrinking must return rows of one length"),
+            ("1 / 0", "my.py:19: dynamic shrinking: ZeroDivisionError: division by zero"),
+            ("return 3", "my.py:17: dynamic shrinking must return rows of numbers: 'int' object is not iterable"),
+            ("return [(1.0, 2.0), (1.0,)]", "my.py:17: dynamic shrinking must return rows of one length"),
             ("raise ValueError('\\033')", r"ValueError: \x1b"),
-            ("raise SystemExit", "my.py:21: dynamic shrinking: SystemExit"),
-            ("return (1 / 0 for _ in range(2))", "my.py:21: dynamic shrinking: ZeroDivisionError"),
+            ("raise SystemExit", "my.py:19: dynamic shrinking: SystemExit"),
+            ("return (1 / 0 for _ in range(2))", "my.py:19: dynamic shrinking: ZeroDivisionError"),
         ],
     )
     def test_a_dynamic_that_fails_is_named(self, write, body, message):
@@ -216,7 +214,7 @@ class TestLoading:
     def test_a_dynamic_that_fails_in_some_instances_is_named(self, write):
         load_plugin(write(SHRINK.replace("    return [", "    1 / (site.rng.random() < 0.7)\n    return [")))
         mission = load_mission("aggregation", ["floor.dynamics=[{name: shrinking, zone: spot, factor: 0.5}]"])
-        with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:21: dynamic shrinking: Zero"):
+        with pytest.raises(MissionError, match=r"floor.dynamics\[0\].name: .*my.py:19: dynamic shrinking: Zero"):
             _ = [mission.realise_floor(generator(seed, "floor")) for seed in range(50)]
 
     def test_its_parameters_are_checked(self, write):
@@ -311,7 +309,7 @@ class TestLoading:
             "from pathlib import Path\n"
             "from typing import Annotated, Any, Literal, Mapping, Optional, Sequence\n"
             "import numpy as np\n"
-            "from mercator_design.missions.plugins import objective\n"
+            "from mercator_design import objective\n"
             "@dataclass\n"
             "class Bag:\n"
             "    content: 'np.ndarray'\n"
@@ -330,8 +328,7 @@ class TestLoading:
             from collections.abc import Mapping
             from dataclasses import dataclass
             from typing import Annotated, Literal, NamedTuple
-            from mercator_design.config.schema import Length, Positive, Range
-            from mercator_design.missions.plugins import Zone, objective
+            from mercator_design import Length, Positive, Range, Zone, objective
 
             class Pair(NamedTuple):
                 left: float
@@ -452,7 +449,7 @@ class TestLoading:
             load_plugin(file)
             simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=60"]))
             for _ in range(2):
-                with pytest.raises(MissionError, match=rf"^{file}:16: floor dynamic: ValueError: too small$"):
+                with pytest.raises(MissionError, match=rf"^{file}:14: floor dynamic: ValueError: too small$"):
                     simulator.run(EXPLORE, 1)
             assert simulator.run(parse("--nstates 1 --s0 1"), 3).score == 0
             restore()
@@ -460,10 +457,10 @@ class TestLoading:
     @pytest.mark.parametrize(
         ("body", "line", "message"),
         [
-            ("floor.nothing *= 2", 16, "Unknown attribute 'nothing'"),
-            ("unknown()", 11, "NameError: name 'unknown' is not defined"),
-            ("floor.zones[row, 3] *= len([time])", 16, "a kernel must not make arrays, lists or texts"),
-            ("return time, time, time", 11, "it returns .* it must return nothing"),
+            ("floor.nothing *= 2", 14, "Unknown attribute 'nothing'"),
+            ("unknown()", 9, "NameError: name 'unknown' is not defined"),
+            ("floor.zones[row, 3] *= len([time])", 14, "a kernel must not make arrays, lists or texts"),
+            ("return time, time, time", 9, "it returns .* it must return nothing"),
         ],
     )
     def test_one_that_cannot_be_compiled_is_named_each_time_and_disturbs_no_other_mission(
@@ -502,7 +499,7 @@ class TestLoading:
         load_plugin(write(SHRINK.replace("shrink_zone", "other_zone").replace("shrinking", "another"), "another.py"))
         simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
         # Of an index, compiled code only tells where the kernel begins.
-        for line, plain in ((16, "0"), (13 if "touch" in body else 20, "1")):
+        for line, plain in ((14, "0"), (11 if "touch" in body else 18, "1")):
             monkeypatch.setenv("NUMBA_DISABLE_JIT", plain)
             with pytest.raises(MissionError, match=rf"^{file}:{line}: floor dynamic: {message}"):
                 simulator.run(EXPLORE, 1)
@@ -514,19 +511,19 @@ class TestLoading:
         for name in ("two", "one", "two"):
             simulator = Simulator(load_mission("aggregation", [dynamic_of(name), "duration=1"]))
             with pytest.raises(
-                MissionError, match=rf"/{name}.py:11: a kernel that cannot .* NameError: name 'no_{name}'"
+                MissionError, match=rf"/{name}.py:9: a kernel that cannot .* NameError: name 'no_{name}'"
             ):
                 simulator.run(EXPLORE, 1)
 
     def test_poses_are_only_to_read(self, write):
         load_plugin(write(SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "poses[i, 0] = 0.0")))
         simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=1"]))
-        with pytest.raises(MissionError, match=r"my.py:16: a kernel that cannot be compiled: .*[Rr]eadonly"):
+        with pytest.raises(MissionError, match=r"my.py:14: a kernel that cannot be compiled: .*[Rr]eadonly"):
             simulator.run(EXPLORE, 1)
 
     def test_a_mistake_in_what_a_kernel_calls_is_named(self, write, monkeypatch):
         monkeypatch.syspath_prepend(write("").parent)
-        helper = "from mercator_design.jit import jittable\n\n@jittable\ndef bad():\n    raise ValueError('here')\n"
+        helper = "from mercator_design import jittable\n\n@jittable\ndef bad():\n    raise ValueError('here')\n"
         file = write(helper, "helping.py")
         load_plugin(write("from helping import bad\n" + SHRINK.replace("floor.zones[row, 3] *= table[0, 1]", "bad()")))
         simulator = Simulator(load_mission("aggregation", [dynamic_of("shrinking"), "duration=60"]))
@@ -604,7 +601,7 @@ class TestValidation:
         ],
     )
     def test_what_fails_is_reported_with_its_line(self, mdesign, write, tmp_path, body, message):
-        text = f"from mercator_design.missions.plugins import objective\n\n\n@objective\ndef mine(trace):\n    {body}\n"
+        text = f"from mercator_design import objective\n\n\n@objective\ndef mine(trace):\n    {body}\n"
         mission = tmp_path / "m.yaml"
         mission.write_text(dump(load_mission("aggregation", ["duration=2"])))
         changed = yaml.safe_load(mission.read_text()) | {"objective": {"name": "mine", "direction": "maximise"}}
@@ -616,7 +613,7 @@ class TestValidation:
 
     @pytest.mark.parametrize("body", ["2", "True", "trace.poses.sum()", "trace.states.sum()"])
     def test_numbers_are_scores(self, mdesign, write, tmp_path, body):
-        text = f"from mercator_design.missions.plugins import objective\n@objective\ndef mine(trace): return {body}\n"
+        text = f"from mercator_design import objective\n@objective\ndef mine(trace): return {body}\n"
         mission = tmp_path / "m.yaml"
         mission.write_text(dump(load_mission("aggregation", ["duration=2"])))
         changed = yaml.safe_load(mission.read_text()) | {"objective": {"name": "mine", "direction": "maximise"}}
@@ -683,7 +680,7 @@ class TestOnTheCommandLine:
         arguments = ["race", "aggregation", "--budget", 60, "--set", shrink, "--plugin", "my.py", "-o", "out"]
         code, out, error = mdesign(*arguments)
         assert (code, out) == (3, "")
-        assert re.search(r"Error: /\S+/my.py:16: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
+        assert re.search(r"Error: /\S+/my.py:14: a kernel that cannot be compiled: Unknown attribute 'nothing'", error)
         assert "Traceback" not in error
 
     def test_validate(self, mdesign, write, tmp_path, monkeypatch):

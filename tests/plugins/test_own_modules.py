@@ -27,6 +27,7 @@ from mercator_design.software.files import fsm_file_text, fsm_yaml_text, read_fs
 from tests.plugins.walls import FLAVOUR, LINE, PLUGIN, write
 
 pytestmark = pytest.mark.usefixtures("registries")
+END = PLUGIN.count("\n") + 1  # the line after it
 
 
 def everything():
@@ -78,8 +79,8 @@ class TestEntering:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            (PLUGIN + "1 / 0\n", "walls.py:37: a plugin that cannot be run: ZeroDivisionError"),
-            (PLUGIN + "def f(:\n", "walls.py:37: a plugin that cannot be run: SyntaxError"),
+            (PLUGIN + "1 / 0\n", f"walls.py:{END}: a plugin that cannot be run: ZeroDivisionError"),
+            (PLUGIN + "def f(:\n", f"walls.py:{END}: a plugin that cannot be run: SyntaxError"),
             (PLUGIN.replace("def wall_near", "def black_floor"), "a condition is called 'black floor' already"),
             (PLUGIN.replace("def wall_near", "def stop"), "a behaviour is called 'stop' already"),
             (
@@ -129,7 +130,7 @@ class TestEntering:
             load_flavour(str(walls / "walls.yaml"))
 
     def test_a_flavour_in_a_file(self, tmp_path):
-        text = f"from mercator_design.modules.flavour import define_flavour\ndefine_flavour('''{FLAVOUR}''', 'walls')\n"
+        text = f"from mercator_design import define_flavour\ndefine_flavour('''{FLAVOUR}''', 'walls')\n"
         (tmp_path / "walls.py").write_text(PLUGIN + text)
         load_plugin(tmp_path / "walls.py")
         assert flavour_of("walls").behaviours["wall following"] == 2
@@ -137,10 +138,10 @@ class TestEntering:
     def test_a_flavour_that_is_wrong_leaves_no_plugin_behind(self, tmp_path):
         registries.load_shipped()
         before = everything()
-        text = "from mercator_design.modules.flavour import define_flavour\n"
+        text = "from mercator_design import define_flavour\n"
         text += "define_flavour('behaviours: {fly: 0}', 'flies')\n"
         (tmp_path / "walls.py").write_text(PLUGIN + text)
-        with pytest.raises(MissionError, match=r"walls\.py:38: .*no such behaviour"):
+        with pytest.raises(MissionError, match=rf"walls\.py:{END + 1}: .*no such behaviour"):
             load_plugin(tmp_path / "walls.py")
         assert everything() == before
 
@@ -414,7 +415,7 @@ class TestTrial:
     )  # fmt: skip
     def test_what_is_wrong(self, tmp_path, old, new, message):
         assert old in PLUGIN
-        text = PLUGIN.replace(old, new, 1).replace("import drive", "import Actions, drive")
+        text = PLUGIN.replace(old, new, 1).replace("condition, drive", "condition, drive, Actions")
         text = text.replace(" if memory[0] < 30.0 else 1.0)", ")") if "drive(1.0" in old else text
         problems, _ = self.tried(tmp_path, text)
         assert any(message in one for one in problems), problems

@@ -63,7 +63,7 @@ MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 QUICK = ["--method", "irace", "--set", "robots=2", "--set", "duration=3", "-j", "2"]
 RACE = ["race", "aggregation", "--budget", "120", "--test-runs", "0", *QUICK]
 FAILING = """
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 @objective
 def nervous(trace, *, least: float) -> float:
@@ -75,7 +75,7 @@ def nervous(trace, *, least: float) -> float:
 SIGNALLING = """
 import contextlib
 import os
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 seen = []
 

@@ -214,7 +214,7 @@ def test_old_run_folders_are_shown_without_actions(quiet, ann, name):
 
 FOREIGN = """
 from pathlib import Path
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 Path({mark!r}).touch()
 
 @objective

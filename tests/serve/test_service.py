@@ -14,7 +14,7 @@ from mercator_design.serve.workers.sources import FsmSource
 from tests.plugins import walls
 
 PLUGIN = """
-from mercator_design.missions.plugins import objective
+from mercator_design import objective
 
 @objective
 def own_objective(trace) -> float:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from mercator_design.config import shipped
 from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
@@ -234,7 +235,9 @@ class Simulator:
     def _check_senses(self, reads: frozenset[str], what: str) -> None:
         if missing := sorted(reads - self._senses):
             needed = " and ".join(missing)
-            raise FsmError(f"{what} needs {needed}, which robot {self.robot_model.name} does not perceive")
+            able = [name for name in shipped.robot_models() if load_robot_model(name).senses >= reads]
+            hint = f"; the robot_model of a mission that does: {', '.join(able)}" if able else ""
+            raise FsmError(f"{what} needs {needed}, which robot {self.robot_model.name} does not perceive{hint}")
 
 
 def robot_model_of(mission: Mission) -> RobotModel:

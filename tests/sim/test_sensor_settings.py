@@ -116,6 +116,11 @@ def test_a_controller_that_needs_what_the_robot_lacks_is_refused(fsm, flavour, m
         simulator(robot_model=without).run(parse(fsm, flavour=flavour), 1)
 
 
+def test_robot_models_that_perceive_what_is_missing_are_named():
+    with pytest.raises(FsmError, match="the robot_model of a mission that does: epuck, .*mercator-chocolate"):
+        simulator().check(parse("--nstates 1 --s0 2", flavour="chocolate"))
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [

@@ -117,7 +117,7 @@ def test_a_controller_that_needs_what_the_robot_lacks_is_refused(fsm, flavour, m
 
 
 def test_robot_models_that_perceive_what_is_missing_are_named():
-    with pytest.raises(FsmError, match="the robot_model of a mission that does: epuck, .*mercator-chocolate"):
+    with pytest.raises(FsmError, match=r"the robot_model of a mission that does: epuck, .*mercator-chocolate"):
         simulator().check(parse("--nstates 1 --s0 2", flavour="chocolate"))
 
 

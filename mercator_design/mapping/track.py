@@ -1,12 +1,13 @@
 """What the front end makes of a robot's log: poses of all turns, and keyframes with their points."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats, Numbers
+from mercator_design.mapping import poses
 from mercator_design.mapping.logs import RobotLog
 
 Points: TypeAlias = NDArray[np.float32]
@@ -56,6 +57,24 @@ class Track:
     @property
     def n_segments(self) -> int:
         return int(self.segments.max(initial=-1)) + 1
+
+    def with_keyframes(self, found: Floats) -> "Track":
+        """This track with other poses (k, 3) of its keyframes; the turns between two of them follow in proportion."""
+        moved = poses.compose(found, poses.inverse(self.keyframes.poses))  # from old to new places
+        changed = self.poses.copy()
+        for number in range(self.n_segments):
+            turns, keyframes = np.nonzero(self.segments == number)[0], np.nonzero(self.keyframes.segments == number)[0]
+            if len(keyframes):
+                at = self.keyframes.turns[keyframes]
+                after = np.clip(np.searchsorted(at, turns), 0, len(at) - 1)
+                before = np.clip(np.searchsorted(at, turns, side="right") - 1, 0, len(at) - 1)
+                one, other = (poses.compose(moved[keyframes[k]], self.poses[turns]) for k in (before, after))
+                apart = np.maximum(self.times[at[after]] - self.times[at[before]], 1e-9)
+                part = np.clip((self.times[turns] - self.times[at[before]]) / apart, 0.0, 1.0)
+                difference = other - one
+                difference[:, 2] = poses.wrap(difference[:, 2])
+                changed[turns] = one + part[:, np.newaxis] * difference
+        return replace(self, poses=changed, keyframes=self.keyframes._replace(poses=found))
 
     @property
     def odometry(self) -> Floats:

@@ -38,6 +38,7 @@ from mercator_design.fsm import parse
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.perception import perceive, proximity_weight
+from mercator_design.modules.reference import N_READINGS
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Neighbours
@@ -128,6 +129,7 @@ def naive(world: World, fsm: Pfsm, seed: int) -> list[tuple[float, float]]:
                 float(len(found)),
                 ground,
                 (0, 0),
+                [0.0] * N_READINGS,
             )
             wheels = controller.step(readings, [generator.random() for _ in range(controller.draws)])
             commands.append((wheels.left * scene.maximum_speed, wheels.right * scene.maximum_speed))

@@ -22,7 +22,7 @@ from benchmarks.twin_stepped import Stepped, settings_of
 from mercator_design.fsm import Actions, Readings, drive
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import Mission, parse_mission
-from mercator_design.modules.module import EVERYTHING
+from mercator_design.modules.reference import EVERYTHING
 from mercator_design.robot.devices.samples import heading
 from mercator_design.robot.run.senses import Senses
 from mercator_design.sim.kernels.sensing import sense

@@ -27,9 +27,8 @@ from mercator_design.config.colours import COLOURS
 from mercator_design.fsm.control import STATE, control_cycle
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.module import EVERYTHING
 from mercator_design.modules.perception import perceive, proximity_weight
-from mercator_design.modules.reference import ACTIONS, Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, EVERYTHING, N_READINGS, Readings, ReferenceModel
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read
@@ -150,7 +149,7 @@ def obstacles(model: ReferenceModel, distances: Sequence[float | None]) -> tuple
     angles = Settings().proximity_angles
     weights = [proximity_weight(model, math.inf if each is None else each) for each in distances]
     looks = [math.cos(angle) for angle in angles], [math.sin(angle) for angle in angles]
-    found = perceive(model, weights, *looks, (), (), (), 0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0))
+    found = perceive(model, weights, *looks, (), (), (), 0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0), [0.0] * N_READINGS)
     return found.proximity_x, found.proximity_y
 
 

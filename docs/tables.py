@@ -11,11 +11,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from docs.made_part import MadePart, table
 from mercator_design.config.json_schema import json_schema
+from mercator_design.config.schema import comments_of
+from mercator_design.modules.reference import SENSES, Readings, sense_of
 from mercator_design.sim.robot_model import RobotModel
 
 DOCS = Path(__file__).parent
 REFERENCE_MODEL = MadePart(DOCS / "reference" / "control-software.md", "reference model", "tables.py")
 ROBOT_MODEL = MadePart(DOCS / "reference" / "robot-models.md", "robot model", "tables.py")
+SENSES_TABLE = MadePart(DOCS / "reference" / "control-software.md", "senses", "tables.py")
 
 HEADER = ("key", "default", "unit", "what")
 SCHEMA = json_schema(RobotModel, title="")
@@ -47,6 +50,28 @@ def robot_model() -> str:
     return table(HEADER, rows)
 
 
+def senses() -> str:
+    """Readings of each sense, with the comments behind them, and the devices that measure it."""
+    meanings, neutral = comments_of(Readings), Readings()._asdict()
+    rows = []
+    for name, sense in SENSES.items():
+        groups: list[list[str]] = []  # a comment is that of the fields behind its own, too
+        for field in (each for each in Readings._fields if sense_of(each) == name):
+            if field in meanings:
+                groups.append([])
+            groups[-1].append(field)
+        told = [f"{names(group)}: {meanings[group[0]]}" for group in groups]
+        values = {f"{value:g}" for field, value in neutral.items() if sense_of(field) == name}
+        rows.append([f"`{name}`", "; ".join(told), *values, f"`{sense.device}`", sense.sample or "none"])
+    return table(("sense", "readings", "neutral", "device in simulation", "sensor of the robot"), rows)
+
+
+def names(fields: list[str]) -> str:
+    """Fields of a sense; only the first and the last of them if they are numbered."""
+    is_numbered = fields[-1].rpartition("_")[2].isdigit()
+    return " to ".join(f"`{field}`" for field in (fields[0], fields[-1])) if is_numbered else f"`{'`, `'.join(fields)}`"
+
+
 def records(entry: Any) -> Iterator[str]:
     """The names of the dataclasses that a value may be."""
     if "$ref" in entry:
@@ -69,6 +94,7 @@ def row(key: str, description: str, value: str) -> list[str]:
 
 
 def main() -> None:
+    SENSES_TABLE.write(senses())
     REFERENCE_MODEL.write(reference_model())
     ROBOT_MODEL.write(robot_model())
 

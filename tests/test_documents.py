@@ -19,6 +19,7 @@ from docs.made_part import MadePart
 from mercator_design.cli.record import record
 from mercator_design.cli.validate import validate
 from mercator_design.fsm import ReferenceModel, parse
+from mercator_design.modules.reference import SENSES
 from mercator_design.sim.devices import DEVICES
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours
@@ -46,6 +47,14 @@ def test_the_table_of_the_reference_model_is_the_codes():
     assert shown == tables.reference_model(), "run python docs/tables.py"
     assert re.findall(r"^\| `(\w+)` \|", shown, re.MULTILINE) == list(ReferenceModel._fields)
     assert f"| `neighbour_range` | {ReferenceModel().neighbour_range:g} | m | within which" in shown
+
+
+def test_the_table_of_senses_is_the_codes():
+    shown = tables.SENSES_TABLE.read()
+    assert shown == tables.senses(), "run python docs/tables.py"
+    assert re.findall(r"^\| `(\w+)` \|", shown, re.MULTILINE) == list(SENSES)
+    assert "`ranges_0` to `ranges_7`: weight" in shown
+    assert "| 255 | `ground` | ground |" in shown
 
 
 def test_the_table_of_robot_models_is_the_codes():

@@ -27,8 +27,8 @@ from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.behaviours import TURN_CYCLES
 from mercator_design.modules.conditions import probability
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, EVERYTHING
-from mercator_design.modules.reference import SCRATCH, Readings, ReferenceModel
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
+from mercator_design.modules.reference import EVERYTHING, SCRATCH, Readings, ReferenceModel
 from mercator_design.sim.kernels import kernel
 from mercator_design.sim.kernels.chipmunk import Bridge, Space, leave
 from mercator_design.sim.kernels.scene import Scene

@@ -18,7 +18,7 @@ from mercator_design.fsm import Readings, parse
 from mercator_design.jit import compiled
 from mercator_design.missions.floor import Tiles
 from mercator_design.modules.behaviours import TURN_CYCLES, TURN_SIDE
-from mercator_design.modules.module import EVERYTHING, NEIGHBOURS
+from mercator_design.modules.reference import EVERYTHING, senses_bits
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.kernels.sight import cast
 from mercator_design.sim.referee import Referee
@@ -272,7 +272,7 @@ def replay_perception(trace: Trace) -> Iterator[tuple[int, int, Perceived]]:
     for cycle in range(len(trace.poses)):
         put(instance, trace.poses[cycle])
         for i in range(len(swarm.poses)):
-            seen = compiled(sense)(instance.scene, all_count, swarm, cycle, i, NEIGHBOURS)
+            seen = compiled(sense)(instance.scene, all_count, swarm, cycle, i, senses_bits({"neighbours"}))
             n = int(seen.neighbours)
             bearings = np.arctan2(swarm.bearings_y[:n], swarm.bearings_x[:n])
             blobs = np.column_stack([swarm.distances[:n], bearings])

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, senses_bits
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module
 from mercator_design.modules.perception import Row
+from mercator_design.modules.reference import senses_bits
 
 MEMORY = 2
 """Numbers that control software keeps for itself: the active state, and control cycles spent in it."""

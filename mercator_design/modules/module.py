@@ -24,21 +24,10 @@ from mercator_design.plugins.registries import Registry, is_ours, load_shipped, 
 MAX_PARAMETERS = 6
 """Largest number of parameters of a module."""
 
-PROXIMITY, NEIGHBOURS, GROUND, LIGHT, HEADING, ODOMETRY, RANGES = (1 << k for k in range(len(SENSES)))
-"""The bits of sets of senses, in the order of SENSES."""
-
-EVERYTHING = (1 << len(SENSES)) - 1
-"""All senses; a sense that the robot lacks has neutral readings."""
-
 _FIRST = {"behaviour": ("model", "readings", "memory", "u"), "condition": ("model", "readings", "memory")}
 """Parameters of all functions of a kind; those of the module follow."""
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-
-def senses_bits(senses: Iterable[str]) -> int:
-    """A set of senses as a number."""
-    return sum(1 << SENSES.index(sense) for sense in set(senses))
 
 
 class Designed(NamedTuple):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, Protocol, cast
 
 from mercator_design.jit import jittable
-from mercator_design.modules.reference import N_RANGES, Readings, ReferenceModel
+from mercator_design.modules.reference import Readings, ReferenceModel, first_reading, readings_of
 
-_NO_RANGES = (0.0,) * N_RANGES
+_PROXIMITY, _NEIGHBOURS, _GROUND, _LIGHT = map(first_reading, ("proximity", "neighbours", "ground", "light"))
 
 
 class Row(Protocol):
@@ -139,8 +139,7 @@ def perceive(
     neighbours: float,
     ground: Row,
     light: Row,
-    motion: Row = (0.0, 0.0, 0.0),
-    ranges: Row = _NO_RANGES,
+    row: MutableRow,
 ) -> Readings:
     """Readings of one robot in one control cycle.
 
@@ -156,8 +155,7 @@ def perceive(
         neighbours: How many robots count as neighbours.
         ground: (3,) red, green, blue, 0 to 255.
         light: (2,) vector towards the light.
-        motion: (3,) heading [rad] and place [m] since the start.
-        ranges: (N_RANGES,) how much what each proximity sensor sees counts, in `ring_order`.
+        row: (N_READINGS,) of the readings, where those of all other senses are; these are filled in.
     """
     obstacle_x = 0.0
     obstacle_y = 0.0
@@ -180,26 +178,13 @@ def perceive(
     if length > 1.0:
         obstacle_x /= length
         obstacle_y /= length
-    return Readings(
-        obstacle_x,
-        obstacle_y,
-        neighbours,
-        pull_x,
-        pull_y,
-        ground[0],
-        ground[1],
-        ground[2],
-        light[0],
-        light[1],
-        motion[0],
-        motion[1],
-        motion[2],
-        ranges[0],
-        ranges[1],
-        ranges[2],
-        ranges[3],
-        ranges[4],
-        ranges[5],
-        ranges[6],
-        ranges[7],
-    )
+    row[_PROXIMITY] = obstacle_x
+    row[_PROXIMITY + 1] = obstacle_y
+    row[_NEIGHBOURS] = neighbours
+    row[_NEIGHBOURS + 1] = pull_x
+    row[_NEIGHBOURS + 2] = pull_y
+    for k in range(3):
+        row[_GROUND + k] = ground[k]
+    for k in range(2):
+        row[_LIGHT + k] = light[k]
+    return readings_of(row)

@@ -4,8 +4,8 @@ Lengths are metres, angles radians counter-clockwise from the robot's front, col
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Annotated, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
 
 from mercator_design.config.colours import Levels
 from mercator_design.config.schema import Range
@@ -20,39 +20,118 @@ Step = Annotated[float, Range(0.0, 1000.0)]
 Cycles = Annotated[float, Range(0.0, 1000.0)]
 
 
+Part = Annotated[float, Range(-1.0, 1.0)]
+Channel = Annotated[float, Range(0.0, 255.0)]
+Weight = Annotated[float, Range(0.0, 1.0)]
+Angle = Annotated[float, Range(-math.pi, math.pi)]
+Place = Annotated[float, Range(-100.0, 100.0)]
+
+
 class Readings(NamedTuple):
     """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived.
 
-    A field begins with the name of its sense; SENSES and all that depends on them follow from the fields.
+    A field begins with the name of its sense (SENSES). Modules are tried with values of its range. A comment is that of
+    the fields below it, too.
     """
 
-    proximity_x: float = 0.0  # obstacles: a vector towards them, of length 0 (none) to 1 (very near)
-    proximity_y: float = 0.0
-    neighbours: float = 0.0  # how many robots are within ReferenceModel.neighbour_range
-    neighbours_x: float = 0.0  # sum over them of a vector towards each, the longer the nearer
-    neighbours_y: float = 0.0
-    ground_red: float = 255.0
-    ground_green: float = 255.0
-    ground_blue: float = 255.0
-    light_x: float = 0.0  # towards the light, of length 0 (none perceived) to 1
-    light_y: float = 0.0
-    heading: float = 0.0  # [rad] -pi to pi, counter-clockwise from that at the start, by the IMU
-    odometry_x: float = 0.0  # [m] from the start, along the heading there, by the locator
-    odometry_y: float = 0.0  # [m] to the left of that
-    ranges_0: float = 0.0  # how much what a proximity sensor sees counts (perception.proximity_weight), one by one,
-    ranges_1: float = 0.0  # counter-clockwise from the front
-    ranges_2: float = 0.0
-    ranges_3: float = 0.0
-    ranges_4: float = 0.0
-    ranges_5: float = 0.0
-    ranges_6: float = 0.0
-    ranges_7: float = 0.0
+    proximity_x: Part = 0.0  # vector to obstacles, of length 0 (none) to 1 (very near): forwards, to the left
+    proximity_y: Part = 0.0
+    neighbours: Annotated[float, Range(0, 20)] = 0.0  # how many robots are within `neighbour_range`
+    neighbours_x: Annotated[float, Range(-1e6, 1e6)] = 0.0  # sum of vectors to them, the longer the nearer
+    neighbours_y: Annotated[float, Range(-1e6, 1e6)] = 0.0
+    ground_red: Channel = 255.0  # of the floor, 0 to 255
+    ground_green: Channel = 255.0
+    ground_blue: Channel = 255.0
+    light_x: Part = 0.0  # vector to the light, of length 0 (none perceived) or 1: forwards, to the left
+    light_y: Part = 0.0
+    heading: Angle = 0.0  # [rad] -pi to pi, counter-clockwise from that at the start
+    odometry_x: Place = 0.0  # [m] from the start, along the heading there
+    odometry_y: Place = 0.0  # [m] to the left of that
+    ranges_0: Weight = 0.0  # weight of what each proximity sensor sees (not metres), counter-clockwise from the front
+    ranges_1: Weight = 0.0
+    ranges_2: Weight = 0.0
+    ranges_3: Weight = 0.0
+    ranges_4: Weight = 0.0
+    ranges_5: Weight = 0.0
+    ranges_6: Weight = 0.0
+    ranges_7: Weight = 0.0
 
 
-SENSES = tuple(dict.fromkeys(name.partition("_")[0] for name in Readings._fields))
+@jittable
+def readings_of(row: Any) -> Readings:  # noqa: ANN401 - a list, or an array
+    """Readings of a row with a number for each field, in their order."""
+    return Readings(
+        row[0],
+        row[1],
+        row[2],
+        row[3],
+        row[4],
+        row[5],
+        row[6],
+        row[7],
+        row[8],
+        row[9],
+        row[10],
+        row[11],
+        row[12],
+        row[13],
+        row[14],
+        row[15],
+        row[16],
+        row[17],
+        row[18],
+        row[19],
+        row[20],
+    )
+
+
+class Sense(NamedTuple):
+    """What measures the readings of a sense."""
+
+    device: str  # key of robot models: its device in simulation
+    sample: str  # of the robot, a sensor of robot/devices/samples.py, or "lidar"; empty: robots lack it
+    follows_turns: bool = False  # whether a robot corrects it by how far it has turned since it was measured
+    counts_from_start: bool = False  # whether it counts from the pose in which the robot was started up
+
+
+SENSES: Mapping[str, Sense] = {
+    "proximity": Sense("proximity", "proximity", follows_turns=True),
+    "neighbours": Sense("neighbours", "lidar", follows_turns=True),
+    "ground": Sense("ground", "ground"),
+    "light": Sense("light", ""),
+    "heading": Sense("imu", "attitude", follows_turns=True, counts_from_start=True),
+    "odometry": Sense("locator", "position", counts_from_start=True),
+    "ranges": Sense("proximity", "proximity"),
+}
 """What readings are made of. A robot may lack some; what an active part does not read is not sensed."""
 
-N_RANGES = sum(name.startswith("ranges_") for name in Readings._fields)
+N_READINGS = len(Readings._fields)
+
+
+def sense_of(field: str) -> str:
+    """The sense of a field of Readings."""
+    return field.partition("_")[0]
+
+
+def first_reading(sense: str) -> int:
+    """The place of a sense's first reading."""
+    return next(k for k, field in enumerate(Readings._fields) if sense_of(field) == sense)
+
+
+def sense_number(sense: str) -> int:
+    """The number of a sense, from 0."""
+    return [*SENSES].index(sense)
+
+
+def senses_bits(senses: Iterable[str]) -> int:
+    """A set of senses as a number."""
+    return sum(1 << sense_number(sense) for sense in set(senses))
+
+
+EVERYTHING = senses_bits(SENSES)
+"""All senses, as a number; those that a robot lacks have neutral readings."""
+
+N_RANGES = sum(sense_of(field) == "ranges" for field in Readings._fields)
 
 
 class Actions(NamedTuple):

@@ -7,8 +7,8 @@ from typing import NamedTuple, Never
 
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_names, flavour_of
-from mercator_design.modules.module import senses_bits
 from mercator_design.modules.perception import Row
+from mercator_design.modules.reference import senses_bits
 from mercator_design.network.inputs import INPUTS, N_INPUTS, Input
 
 DEFAULT_FLAVOUR = "evostick"

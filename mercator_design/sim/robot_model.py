@@ -37,9 +37,6 @@ from mercator_design.sim.robot_parts import (
     Proximity,
 )
 
-_DEVICE_OF = {"heading": "imu", "odometry": "locator", "ranges": "proximity"}
-"""The key of the device of a sense, where it has another name."""
-
 Bound = Annotated[float, Range(-1e9, 1e9)]
 
 
@@ -110,7 +107,7 @@ class RobotModel(FromFile):
     @property
     def senses(self) -> frozenset[str]:
         """The senses of modules that the robot has."""
-        found = {sense for sense in SENSES if getattr(self, _DEVICE_OF.get(sense, sense)) is not None}
+        found = {name for name, sense in SENSES.items() if getattr(self, sense.device) is not None}
         return frozenset(found if self.has_ranges else found - {"ranges"})
 
     @property

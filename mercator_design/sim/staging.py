@@ -11,6 +11,7 @@ from mercator_design.arrays import Flags, Floats
 from mercator_design.missions.arena import WALL_THICKNESS, Box
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.perception import ring_order
+from mercator_design.modules.reference import SENSES, senses_bits
 from mercator_design.seeds import generator
 from mercator_design.sim.kernels import scene
 from mercator_design.sim.kernels.noise import GAUSSIAN, NO_NOISE, UNIFORM
@@ -31,7 +32,6 @@ from mercator_design.sim.robot_parts import (
 )
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
-_UNMOVED = MotionSensor(range=(0.0, 1.0))
 _NO_PROXIMITY = Proximity(ring_radius=0.0, angles=(), range=(0.0, 0.0))
 _NO_LIDAR = Lidar(beams=0, first_angle=0.0, height=math.inf, head_radius=0.0, range=(0.0, 0.0))
 
@@ -60,6 +60,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         motion=_motion(model),
+        senses=senses_bits(model.senses),
         control_period=mission.control_period,
         wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,
         sub_steps=sub_steps,
@@ -125,15 +126,12 @@ def _directions(angles: Sequence[float]) -> tuple[Floats, Floats]:
 
 
 def _motion(model: RobotModel) -> scene.Motion:
-    imu, locator = model.imu or _UNMOVED, model.locator or _UNMOVED
-    return scene.Motion(
-        has_imu=model.imu is not None,
-        imu_range=np.array(imu.range, dtype=float),
-        imu_noise=noise_row(imu.noise),
-        has_locator=model.locator is not None,
-        locator_range=np.array(locator.range, dtype=float),
-        locator_noise=noise_row(locator.noise),
-    )
+    bounds, noise = np.zeros((len(SENSES), 2)), np.zeros((len(SENSES), 3))
+    for k, sense in enumerate(SENSES.values()):
+        device = getattr(model, sense.device)
+        if isinstance(device, MotionSensor):
+            bounds[k], noise[k] = device.range, noise_row(device.noise)
+    return scene.Motion(bounds=bounds, noise=noise)
 
 
 def _proximity(model: RobotModel) -> scene.Proximity:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from mercator_design.errors import FsmError
 from mercator_design.modules.flavour import flavour_names, flavour_of
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter, senses_bits
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
 from mercator_design.modules.perception import Row
+from mercator_design.modules.reference import senses_bits
 
 KINDS = ("selector", "selector*", "sequence", "sequence*", "negation", "action", "condition")
 """The kinds of nodes, by their numbers in texts."""

@@ -23,7 +23,7 @@ from mercator_design.modules.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.modules.reference import ACTIONS, SCRATCH, NonNegative, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, N_READINGS, SCRATCH, NonNegative, ReferenceModel
 from mercator_design.network.control import activate, network_cycle
 from mercator_design.network.inputs import fill_inputs, gray_sample
 from mercator_design.sim.simulate import tables_of
@@ -114,8 +114,9 @@ def test_perception(data):
     ]
     ground, light = [1.0, 2.0, 3.0], [0.5, -0.5]
     count = float(data.draw(st.integers(0, 5)))
-    plain = perceive(model, *rows, n, count, ground, light)
-    fast = compiled(perceive)(model, *map(np.array, rows), n, count, np.array(ground), np.array(light))
+    others = [0.0] * N_READINGS
+    plain = perceive(model, *rows, n, count, ground, light, others)
+    fast = compiled(perceive)(model, *map(np.array, rows), n, count, *map(np.array, (ground, light, others)))
     assert plain.neighbours == count
     assert tuple(fast) == tuple(plain)
     assert math.hypot(plain.proximity_x, plain.proximity_y) <= 1.0 + 1e-12
@@ -213,7 +214,9 @@ def test_proximity_laws():
     ids=["default", "paper", "in one place", "touching"],
 )
 def test_how_much_a_neighbour_weighs(law, distance, weight):
-    found = perceive(ReferenceModel(**law), (), (), (), (distance,), (1.0,), (0.0,), 1, 1.0, (0, 0, 0), (0, 0))
+    found = perceive(
+        ReferenceModel(**law), (), (), (), (distance,), (1.0,), (0.0,), 1, 1.0, (0, 0, 0), (0, 0), [0.0] * N_READINGS
+    )
     assert found.neighbours_x == pytest.approx(weight)
 
 

@@ -5,7 +5,8 @@ import random
 import pytest
 
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, FAILURE_CALLS
-from mercator_design.modules.reference import SENSES, Readings, ReferenceModel
+from mercator_design.modules.reference import SENSES, ReferenceModel, sense_of
+from mercator_design.sim.checks.trial import random_readings
 
 
 class Watched:
@@ -15,25 +16,8 @@ class Watched:
         self._readings, self._seen = readings, seen
 
     def __getattr__(self, name):
-        self._seen.add(name.partition("_")[0])
+        self._seen.add(sense_of(name))
         return getattr(self._readings, name)
-
-
-def random_readings(rng):
-    """With nothing, something and much perceived, on all colours."""
-    colour = [rng.choice((0.0, 127.0, 255.0)) for _ in range(3)]
-    return Readings(
-        proximity_x=rng.choice((0.0, rng.uniform(-1.0, 1.0))),
-        proximity_y=rng.choice((0.0, rng.uniform(-1.0, 1.0))),
-        neighbours=float(rng.randrange(6)),
-        neighbours_x=rng.uniform(-3.0, 3.0),
-        neighbours_y=rng.uniform(-3.0, 3.0),
-        ground_red=colour[0],
-        ground_green=colour[1],
-        ground_blue=colour[2],
-        light_x=rng.uniform(-1.0, 1.0),
-        light_y=rng.uniform(-1.0, 1.0),
-    )
 
 
 def read_by(module, call):

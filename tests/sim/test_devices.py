@@ -11,6 +11,7 @@ from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
 from mercator_design.missions.trace import every_nth
 from mercator_design.modules.perception import ground_by_vote, light_direction, nearest_label, perceive
+from mercator_design.modules.reference import N_READINGS
 from mercator_design.sim import devices
 from mercator_design.sim.devices import DEVICES, PARTS, Recording
 from mercator_design.sim.kernels.noise import LIDAR_DRAWS, draw, noise
@@ -406,6 +407,7 @@ def made(recording):
             len(near),
             ground,
             light_direction(model, lights[cycle, i], scene.light.directions_x, scene.light.directions_y),
+            [0.0] * N_READINGS,
         )[:10]
     return found
 

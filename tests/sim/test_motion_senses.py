@@ -9,7 +9,7 @@ import pytest
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
 from mercator_design.modules.perception import ring_order
-from mercator_design.modules.reference import N_RANGES, Actions, Readings
+from mercator_design.modules.reference import N_RANGES, Actions, Readings, sense_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian
 from tests.own_modules import entered
@@ -99,7 +99,7 @@ def test_robots_without_the_device_are_refused(sense, lacking):
         with pytest.raises(FsmError, match=f"needs {sense}, which robot mercator does not perceive"):
             world.run(software, 1)
     readings = world.run(parse("--nstates 1 --s0 1"), 1, record=True).history.readings
-    places = [k for k, name in enumerate(Readings._fields) if name.partition("_")[0] == sense]
+    places = [k for k, name in enumerate(Readings._fields) if sense_of(name) == sense]
     assert (readings[..., places] == 0.0).all()
 
 

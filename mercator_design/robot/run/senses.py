@@ -5,13 +5,13 @@ modules/perception.py makes readings of measurements, in simulation and on the r
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from mercator_design.config.colours import COLOURS, RGB, ColourName
 from mercator_design.errors import RobotError
 from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.modules.perception import perceive, proximity_weight, ring_order
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import N_READINGS, SENSES, Readings, ReferenceModel, first_reading
 from mercator_design.robot.devices.health import LineHealth, percent
 from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.ports import DEVICES, DeviceName
@@ -36,29 +36,16 @@ class Stale(NamedTuple):
     remedy: str = ""  # what to check, if it is not the line
 
 
-DEVICE_OF: Mapping[str, DeviceName] = {
-    "proximity": "proximity",
-    "neighbours": "lidar",
-    "ground": "rvr",
-    "heading": "rvr",
-    "odometry": "rvr",
-    "ranges": "proximity",
-}
-"""The device of each sense that modules read."""
-_SAMPLE_OF: Mapping[str, str] = {
-    "neighbours": "lidar",
-    "heading": "attitude",
-    "odometry": "position",
-    "ranges": "proximity",
-}
-"""The sample of each sense, where it has another name."""
-_DEVICE_OF_SAMPLE: Mapping[str, DeviceName] = {
-    "proximity": "proximity",
-    "lidar": "lidar",
-    "ground": "rvr",
-    "attitude": "rvr",
-    "position": "rvr",
-}
+_HEADING, _ODOMETRY, _RANGES = map(first_reading, ("heading", "odometry", "ranges"))
+
+
+def _device_of(sample: str) -> DeviceName:
+    """The device that a sample is of."""
+    return "rvr" if sample in SERVICE_OF else cast("DeviceName", sample)
+
+
+DEVICE_OF: Mapping[str, DeviceName] = {name: _device_of(sense.sample) for name, sense in SENSES.items() if sense.sample}
+"""The device of each sense that the robot has."""
 
 
 def why_needed(reads: Collection[str], model: ReferenceModel) -> dict[str, str]:
@@ -105,9 +92,9 @@ class Senses:
         needed = why_needed(set(reads), model)
         if lacking := sorted(needed.keys() - DEVICE_OF.keys()):
             raise RobotError(f"expected a PFSM that reads {', '.join(DEVICE_OF)}, found one that reads {lacking[0]}")
-        self._turns_matter = bool(needed.keys() & {"proximity", "neighbours", "heading"})
-        self.count_from_start = bool(needed.keys() & {"heading", "odometry"})
-        self._needed = [*dict.fromkeys(["attitude", *(_SAMPLE_OF.get(sense, sense) for sense in sorted(needed))])]
+        self._turns_matter = any(SENSES[sense].follows_turns for sense in needed)
+        self.count_from_start = any(SENSES[sense].counts_from_start for sense in needed)
+        self._needed = [*dict.fromkeys(["attitude", *(SENSES[sense].sample for sense in sorted(needed))])]
         self._settings, self._model, self._labels = settings, model, labels
         self._faced = 0.0  # heading [rad] when the latest distances came
         self._found = [0.0] * BINS, [0.0] * BINS, [0.0] * BINS
@@ -182,8 +169,14 @@ class Senses:
             proximity = self.samples["proximity"].values
         if self._stale("ground", now) is None and not self.is_dark:
             ground = COLOURS[self.label()]
+        row = [0.0] * N_READINGS
+        if self._stale("attitude", now) is None:
+            row[_HEADING] = math.remainder(heading(self.samples, now), math.tau)
+        if self._stale("position", now) is None:
+            row[_ODOMETRY : _ODOMETRY + 2] = self.samples["position"].values
         n = self._find_neighbours(now)
         weights = [proximity_weight(model, distance) for distance in proximity]
+        row[_RANGES : _RANGES + len(angles)] = [weights[k] for k in ring_order(angles)]
         # Distances may be 0.16 s old, and the robot may have turned by half a radian since.
         turned = math.remainder(heading(self.samples, now) - self._faced, math.tau)
         if abs(turned) < _STRAIGHT:
@@ -200,18 +193,8 @@ class Senses:
             float(n),
             ground,
             (0.0, 0.0),
-            self._motion(now),
-            [weights[k] for k in ring_order(angles)],
+            row,
         )
-
-    def _motion(self, now: float) -> tuple[float, float, float]:
-        """Heading [rad] and place [m] since the robot was started up."""
-        turned, x, y = 0.0, 0.0, 0.0
-        if self._stale("attitude", now) is None:
-            turned = math.remainder(heading(self.samples, now), math.tau)
-        if self._stale("position", now) is None:
-            x, y = self.samples["position"].values
-        return turned, x, y
 
     def _find_neighbours(self, now: float) -> int:
         """Find `neighbours` in the lidar's last turn, if it is fresh; return their number."""
@@ -248,7 +231,7 @@ class Senses:
 
     def _stale(self, name: str, now: float) -> Stale | None:
         """Why a sample is not fresh; None if it is young enough, and enough of its device's line arrives whole."""
-        device, age = _DEVICE_OF_SAMPLE[name], self.age(name, now)
+        device, age = _device_of(name), self.age(name, now)
         limit, line = getattr(self._settings.limits, device), self.lines[device]
         if age > limit:
             since = max(now - age, self._forgot)

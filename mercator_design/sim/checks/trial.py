@@ -5,10 +5,11 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast, get_type_hints
 
 import numpy as np
 
+from mercator_design.config.schema import Range
 from mercator_design.errors import FsmError, described, excerpt
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.modules.behaviours import behave
@@ -20,11 +21,11 @@ from mercator_design.modules.reference import (
     ACTIONS,
     LED_COLOURS,
     MAX_SIGNAL,
-    N_RANGES,
     SCRATCH,
     Actions,
     Readings,
     ReferenceModel,
+    sense_of,
 )
 from mercator_design.plugins.places import first_line, line_of, reporting_kernels
 from mercator_design.plugins.registries import is_ours
@@ -34,6 +35,11 @@ CYCLES = 25
 SETTINGS = 80
 """Settings of the parameters: their bounds, and random ones between."""
 _MAX_BOUNDS = 32
+
+DOMAINS: dict[str, Range] = {
+    field: hint.__metadata__[0] for field, hint in get_type_hints(Readings, include_extras=True).items()
+}
+"""The range of each field of Readings."""
 
 
 class _Call(NamedTuple):
@@ -81,11 +87,6 @@ class _Watched:
 
     def __iter__(self) -> Iterator[float]:
         return (cast("float", getattr(self, name)) for name in Readings._fields)
-
-
-def sense_of(field: str) -> str:
-    """The sense of a field of Readings."""
-    return field.partition("_")[0]
 
 
 def _behaving(
@@ -150,7 +151,7 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
     for parameters in _settings(module.parameters, random):
         rows = [array_of(module.memory) for _ in range(2)]
         for _ in range(CYCLES):
-            call = _Call(parameters, _random_readings(random), random.choice((0.0, random.random(), 1.0 - 2.0**-53)))
+            call = _Call(parameters, random_readings(random), random.choice((0.0, random.random(), 1.0 - 2.0**-53)))
             calls += 1
             try:
                 plain = _plain(module, model, call, rows[0], seen)
@@ -271,14 +272,19 @@ def _settings(parameters: Sequence[ModuleParameter], random: Random) -> Iterator
         )
 
 
-def _random_readings(random: Random) -> Readings:
+def random_readings(random: Random) -> Readings:
     """With nothing, something and much perceived, on all colours."""
     length, angle = random.choice((0.0, random.random(), 1.0)), random.uniform(-math.pi, math.pi)
     light, to_light = random.choice((0.0, 1.0)), random.choice((0.0, math.pi, random.uniform(-math.pi, math.pi)))
     n = random.choice((0, random.randrange(1, 20)))
     pull = [random.choice((random.uniform(-3.0, 3.0), random.uniform(-1e6, 1e6))) * n for _ in range(2)]
     colour = [random.choice((0.0, 127.5, 255.0, random.uniform(0.0, 255.0))) for _ in range(3)]
-    return Readings(
+    neutral = Readings()._asdict()
+    others = {
+        field: random.choice((neutral[field], domain.low, domain.high, random.uniform(domain.low, domain.high)))
+        for field, domain in DOMAINS.items()
+    }
+    return Readings(**others)._replace(
         proximity_x=length * math.cos(angle),
         proximity_y=length * math.sin(angle),
         neighbours=float(n),
@@ -289,8 +295,4 @@ def _random_readings(random: Random) -> Readings:
         ground_blue=colour[2],
         light_x=light * math.cos(to_light),
         light_y=light * math.sin(to_light),
-        heading=random.choice((0.0, random.uniform(-math.pi, math.pi))),
-        odometry_x=random.choice((0.0, random.uniform(-100.0, 100.0))),
-        odometry_y=random.choice((0.0, random.uniform(-100.0, 100.0))),
-        **{f"ranges_{k}": random.choice((0.0, random.random(), 1.0)) for k in range(N_RANGES)},
     )

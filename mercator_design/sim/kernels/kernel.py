@@ -15,8 +15,7 @@ import math
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.modules.architecture import ControlProgram
-from mercator_design.modules.module import EVERYTHING, GROUND, NEIGHBOURS, PROXIMITY
-from mercator_design.modules.reference import ACTIVE, ReferenceModel, led_colour_of, signal_of
+from mercator_design.modules.reference import ACTIVE, EVERYTHING, ReferenceModel, led_colour_of, senses_bits, signal_of
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
     Bridge,
@@ -38,6 +37,7 @@ from mercator_design.sim.kernels.swarm import History, Swarm
 from mercator_design.software.architectures import control
 
 FREE = -1
+_PROXIMITY, _NEIGHBOURS, _GROUND = (senses_bits({sense}) for sense in ("proximity", "neighbours", "ground"))
 
 
 @jittable
@@ -182,8 +182,8 @@ def sense_and_control(
 @jittable
 def _needed(model: ReferenceModel, read: int) -> int:
     """The senses that a set of senses depends on: neighbours may count in the proximity vector."""
-    if model.neighbour_obstacle_range > 0.0 and read & PROXIMITY:
-        return read | NEIGHBOURS
+    if model.neighbour_obstacle_range > 0.0 and read & _PROXIMITY:
+        return read | _NEIGHBOURS
     return read
 
 
@@ -192,9 +192,9 @@ def _remembered(model: ReferenceModel) -> int:
     """The senses with a memory; they must sense in every cycle if any state reads them."""
     senses = 0
     if max(model.neighbour_memory, model.neighbour_count_memory) > 0.0:
-        senses |= NEIGHBOURS
+        senses |= _NEIGHBOURS
     if model.ground_vote_cycles > 0.0:
-        senses |= GROUND
+        senses |= _GROUND
     return senses
 
 

@@ -22,14 +22,10 @@ class Proximity(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The sensors of the robot's own motion that modules read."""
+    """The sensors of the robot's own motion, in a row for each sense; zeros where that is measured by others."""
 
-    has_imu: bool
-    imu_range: Floats  # (2,) [rad]
-    imu_noise: Floats
-    has_locator: bool
-    locator_range: Floats  # (2,) [m]
-    locator_noise: Floats
+    bounds: Floats  # (senses, 2) between which readings are kept, in the device's unit
+    noise: Floats  # (senses, 3)
 
 
 class Ground(NamedTuple):
@@ -128,6 +124,7 @@ class Scene(NamedTuple):
     light: Light
     lidar: Lidar
     motion: Motion
+    senses: int  # those that the robot has, as bits (modules.SENSES)
     control_period: float  # [s]
     wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite
     sub_steps: int  # physics steps in a control cycle

@@ -5,7 +5,6 @@ import math
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.modules.clustering import neighbours_in_hits
-from mercator_design.modules.module import GROUND, HEADING, LIGHT, NEIGHBOURS, ODOMETRY, PROXIMITY, RANGES
 from mercator_design.modules.perception import (
     gray_level,
     ground_by_vote,
@@ -14,7 +13,7 @@ from mercator_design.modules.perception import (
     perceive,
     proximity_weight,
 )
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.reference import Readings, ReferenceModel, first_reading, sense_number, senses_bits
 from mercator_design.sim.kernels.lidar import scan_near
 from mercator_design.sim.kernels.noise import (
     GROUND_DRAWS,
@@ -35,6 +34,12 @@ from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sight import cast, is_hidden, is_lit
 from mercator_design.sim.kernels.swarm import Swarm
 
+_PROXIMITY, _NEIGHBOURS, _GROUND, _LIGHT = (
+    senses_bits({sense}) for sense in ("proximity", "neighbours", "ground", "light")
+)
+_HEADING, _ODOMETRY, _RANGES = (senses_bits({sense}) for sense in ("heading", "odometry", "ranges"))
+_HEADING_AT, _ODOMETRY_AT, _RANGES_AT = map(first_reading, ("heading", "odometry", "ranges"))
+_IMU, _LOCATOR = map(sense_number, ("heading", "odometry"))
 _TURN = 2.0 * math.pi
 _MAX_DEVIATIONS = 8.0  # by which noise shortens a reading; larger ones occur once in 10^15 readings
 
@@ -42,36 +47,39 @@ _MAX_DEVIATIONS = 8.0  # by which noise shortens a reading; larger ones occur on
 @jittable
 def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int, senses: int) -> Readings:
     """The readings of robot i with some of its senses (bits of modules.SENSES); the other readings are neutral."""
-    n = 0
-    count = 0.0
-    light_x, light_y = 0.0, 0.0
-    heading, x, y = 0.0, 0.0, 0.0
-    if senses & (PROXIMITY | RANGES):
+    has = senses & scene.senses
+    row = swarm.readings
+    for k in range(len(row)):
+        row[k] = 0.0
+    if has & (_PROXIMITY | _RANGES):
         sense_obstacles(scene, model, swarm, cycle, i)
-    if senses & RANGES:
+    if has & _RANGES:
         for k in range(len(scene.proximity.order)):
-            swarm.ranges[k] = swarm.proximity[scene.proximity.order[k]]
-    if not senses & PROXIMITY:
+            row[_RANGES_AT + k] = swarm.proximity[scene.proximity.order[k]]
+    if not has & _PROXIMITY:
         for k in range(len(swarm.proximity)):
             swarm.proximity[k] = 0.0
-    if senses & NEIGHBOURS:
+    n = 0
+    count = 0.0
+    if has & _NEIGHBOURS:
         if scene.neighbours.by_lidar:
             n = sense_heads(scene, model, swarm, cycle, i)
             count = float(n)
         else:
             n, count = sense_robots(scene, model, swarm, cycle, i)
-    if senses & GROUND:
+    if has & _GROUND:
         _sense_ground(scene, model, swarm, cycle, i)
     else:
         for k in range(3):
             swarm.ground[k] = 255.0
-    if senses & LIGHT:
-        light_x, light_y = sense_light(scene, model, swarm, cycle, i)
-    if senses & HEADING and scene.motion.has_imu:
-        heading = sense_heading(scene, swarm, cycle, i)
-    if senses & ODOMETRY and scene.motion.has_locator:
-        x, y = sense_place(scene, swarm, cycle, i)
-    readings = perceive(
+    light = (0.0, 0.0)
+    if has & _LIGHT:
+        light = sense_light(scene, model, swarm, cycle, i)
+    if has & _HEADING:
+        row[_HEADING_AT] = sense_heading(scene, swarm, cycle, i)
+    if has & _ODOMETRY:
+        row[_ODOMETRY_AT], row[_ODOMETRY_AT + 1] = sense_place(scene, swarm, cycle, i)
+    return perceive(
         model,
         swarm.proximity,
         scene.proximity.counts_x,
@@ -82,35 +90,36 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
         n,
         count,
         swarm.ground,
-        (light_x, light_y),
-        (heading, x, y),
-        swarm.ranges,
+        light,
+        row,
     )
-    if senses & RANGES:  # they stay neutral for others
-        for k in range(len(swarm.ranges)):
-            swarm.ranges[k] = 0.0
-    return readings
 
 
 @jittable
 def sense_heading(scene: Scene, swarm: Swarm, cycle: int, i: int) -> float:
     """The heading of robot i by its IMU, which measures pitch, roll and yaw, counted from that at the start."""
-    low, high = scene.motion.imu_range[0], scene.motion.imu_range[1]
     yaw = math.atan2(swarm.poses[i, 4], swarm.poses[i, 3])
-    yaw += noise(scene.motion.imu_noise, swarm.noise_keys[i], IMU_DRAWS, 3 * cycle + 2)
-    turned = max(low, min(high, yaw)) - swarm.starts[i, 2]
+    turned = _measured(scene, swarm, i, _IMU, yaw, IMU_DRAWS, 3 * cycle + 2) - swarm.starts[i, 2]
     return math.atan2(math.sin(turned), math.cos(turned))
 
 
 @jittable
 def sense_place(scene: Scene, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
     """The place of robot i by its locator, along the axes that the robot had at the start."""
-    low, high, row = scene.motion.locator_range[0], scene.motion.locator_range[1], scene.motion.locator_noise
-    x = swarm.poses[i, 0] - swarm.starts[i, 0] + noise(row, swarm.noise_keys[i], LOCATOR_DRAWS, 2 * cycle)
-    y = swarm.poses[i, 1] - swarm.starts[i, 1] + noise(row, swarm.noise_keys[i], LOCATOR_DRAWS, 2 * cycle + 1)
-    x, y = max(low, min(high, x)), max(low, min(high, y))
+    x, y = swarm.poses[i, 0] - swarm.starts[i, 0], swarm.poses[i, 1] - swarm.starts[i, 1]
+    x = _measured(scene, swarm, i, _LOCATOR, x, LOCATOR_DRAWS, 2 * cycle)
+    y = _measured(scene, swarm, i, _LOCATOR, y, LOCATOR_DRAWS, 2 * cycle + 1)
     c, s = swarm.starts[i, 3], swarm.starts[i, 4]
     return c * x + s * y, c * y - s * x
+
+
+@jittable
+def _measured(scene: Scene, swarm: Swarm, i: int, sense: int, value: float, draws: int, number: int) -> float:
+    """The reading of a sensor of robot i's own motion, given the true value, the sense and a number of its draws."""
+    value += noise(scene.motion.noise[sense], swarm.noise_keys[i], draws, number)
+    low: float = scene.motion.bounds[sense, 0]
+    high: float = scene.motion.bounds[sense, 1]
+    return max(low, min(high, value))
 
 
 @jittable

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Keys, Numbers
-from mercator_design.modules.reference import ACTIONS, N_RANGES, Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, N_READINGS, ReferenceModel
 from mercator_design.sim.kernels.lidar import GROUP
 from mercator_design.sim.kernels.scene import Scene
 
@@ -40,7 +40,7 @@ class Swarm(NamedTuple):
     order: Numbers  # (robots,)
     # Scratch for the senses of one robot.
     proximity: Floats  # (sensors,)
-    ranges: Floats  # (N_RANGES,)
+    readings: Floats  # (N_READINGS,)
     light: Floats  # (sensors,) of the ring of light sensors
     scan: Floats  # (beams,) of the lidar
     hits: Numbers  # (beams,) those that something is in range of
@@ -94,7 +94,7 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         meetings=np.zeros((n + min(n * (n - 1) // 2, _MEETINGS * n), 3), dtype=np.int64),
         order=np.zeros(n, dtype=np.int64),
         proximity=np.zeros(len(scene.proximity.directions_x)),
-        ranges=np.zeros(N_RANGES),
+        readings=np.zeros(N_READINGS),
         light=np.zeros(len(scene.light.directions_x)),
         scan=np.zeros(beams),
         hits=np.zeros(beams, dtype=np.int64),
@@ -123,7 +123,7 @@ def new_history(cycles: int, robots: int, *, everything: bool, draws: int = 0) -
         states=np.empty((cycles, robots), dtype=np.int8),
         led_colours=np.empty((cycles, robots), dtype=np.int8),
         signals=np.empty((cycles, robots), dtype=np.int8),
-        readings=np.empty((rows, robots, len(Readings._fields))),
+        readings=np.empty((rows, robots, N_READINGS)),
         draws=np.empty((rows, robots, draws)),
         wheels=np.empty((rows, robots, 2)),
         commands=np.empty((rows, robots, 2)),

@@ -19,7 +19,7 @@ from mercator_design.fsm import Readings, ReferenceModel, parse
 from mercator_design.fsm.control import control_cycle
 from mercator_design.jit import compiled
 from mercator_design.modules.flavour import flavour_of
-from mercator_design.modules.reference import ACTIONS
+from mercator_design.modules.reference import ACTIONS, N_READINGS
 from mercator_design.robot.cli import VERBS
 from mercator_design.robot.logs import log as log_module
 from mercator_design.robot.logs.events import CycleDone, NoteTaken, RecordingStarted, RunStarted
@@ -105,6 +105,15 @@ def test_the_simulator_s_kernel_decides_the_same(log):
         compiled(control_cycle)(model, tables.program, Readings(*event["readings"]), memory, draws, actions)
         assert list(actions[:2]) == event["wheels"]
         assert int(memory[0]) == event["next_state"]
+
+
+def test_readings_of_senses_that_a_program_lacked_are_neutral(log):
+    start, *events, end = read(log)
+    events = [event | {"readings": event["readings"][:10]} for event in events]
+    log.write_text("".join(to_lines([start, *events, end])))
+    decisions = [decision for _, decision in replay(log)]
+    assert {decision.differs for decision in decisions} == {""}
+    assert {decision.readings[10:] for decision in decisions} == {Readings()[10:]}
 
 
 def test_a_cycle_that_was_decided_otherwise_is_named(log, robot_command):
@@ -203,8 +212,8 @@ def test_what_is_no_log(tmp_path, robot_command, text, words):
         (3, {"cycle": "1"}, 'cycle.cycle: expected a whole number >= 0 and <= 1e+09, found "1"'),
         (
             3,
-            {"readings": [0.5] * 11},
-            "cycle.readings: expected a list of at least 21 and at most 21, found",
+            {"readings": [0.5] * 9},
+            f"cycle.readings: expected a list of at least 10 and at most {N_READINGS}, found",
         ),
         (3, {"draw": 0.5}, "cycle.draw: unknown key; did you mean 'draws'?"),
         (3, {"draws": [1.0] * DRAWS}, "cycle.draws[0]: expected a number from 0 to below 1, found 1.0"),

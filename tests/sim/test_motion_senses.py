@@ -9,7 +9,7 @@ import pytest
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
 from mercator_design.modules.perception import ring_order
-from mercator_design.modules.reference import N_RANGES, Actions, Readings, sense_of
+from mercator_design.modules.reference import N_RANGES, Actions, Readings, first_reading, sense_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian
 from tests.own_modules import entered
@@ -24,7 +24,7 @@ NOISY = dataclasses.replace(
     locator=dataclasses.replace(MERCATOR.locator, noise=Gaussian(mean=0.02, sd=0.05), range=(-0.3, 0.4)),
     proximity=dataclasses.replace(MERCATOR.proximity, noise=Gaussian(sd=0.01)),
 )
-FIRST = [*Readings._fields].index("heading")
+FIRST = first_reading("heading")
 EXPLORE = parse("--nstates 1 --s0 0 --rwm0 20")
 
 
@@ -39,7 +39,7 @@ def remembers(model, readings, memory, u):
 @pytest.mark.parametrize("robot_model", [MERCATOR, NOISY], ids=["quiet", "noisy"])
 def test_readings_are_those_of_the_devices(robot_model):
     outcome = simulator(robots=3, duration=20, robot_model=robot_model).run(EXPLORE, 1, record=True)
-    found, measure = outcome.history.readings[..., FIRST:], outcome.recording.measure
+    found, measure = outcome.history.readings[..., FIRST : FIRST + 3 + N_RANGES], outcome.recording.measure
     start = outcome.history.poses[0]
     off = found[..., 0] - measure("imu")[..., 2] + start[:, 2]
     assert np.abs(np.arctan2(np.sin(off), np.cos(off))).max() < 1e-9

@@ -11,7 +11,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Length, OneOf, Range
 from mercator_design.errors import RobotError, excerpt
 from mercator_design.fsm import Readings, ReferenceModel
-from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL
+from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL, N_READINGS, first_reading
 from mercator_design.robot.devices.samples import FIELDS
 
 LogKind: TypeAlias = Literal["run", "recording"]
@@ -26,6 +26,8 @@ LINES: Mapping[str, tuple[str, ...]] = {
 of valid frames, frame starts among these; of the lidar, readings of the last turn; of the RVR, the share of commands
 that it answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
 _YEARS = range(1970, 2100)
+_MIN_READINGS = first_reading("heading")
+"""Of the senses that every program had that wrote logs of this format."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +148,7 @@ class CycleDone:
     time: Seconds
     state: Count
     next_state: Count
-    readings: Annotated[tuple[Number, ...], Length(len(Readings._fields), len(Readings._fields))]
+    readings: Annotated[tuple[Number, ...], Length(_MIN_READINGS, N_READINGS)]
     draws: Annotated[tuple[Draw, ...], Length(1)]
     wheels: tuple[Number | None, Number | None]  # None: not finite
     led_colour: Annotated[int, Range(-1, len(LED_COLOURS) - 1)] | None  # -1: none was set; None: a wrong number
@@ -156,6 +158,10 @@ class CycleDone:
     neighbours: Pairs  # distance [m], bearing [rad]
     sensed: SensedValues
     lines: LineValues
+
+    def __post_init__(self) -> None:
+        # A program without the latest senses recorded no readings of them.
+        object.__setattr__(self, "readings", (*self.readings, *Readings()[len(self.readings) :]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

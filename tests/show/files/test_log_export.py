@@ -474,7 +474,7 @@ class TestErrors:
         ("change", "words"),
         [
             ({"state": 7}, "expected what this version writes, found other events"),
-            ({"readings": [0.5] * 11}, "line 2: cycle.readings: expected"),
+            ({"readings": [0.5] * 9}, "line 2: cycle.readings: expected"),
             ({"sensed": {"smell": [0.1, 1.0]}}, "line 2: cycle.sensed: expected"),
             ({"sensed": {"position": [0.1, 1.0]}}, "line 2: cycle.sensed: expected"),
         ],

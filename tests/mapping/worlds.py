@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from mercator_design.mapping.front.scans import Preparation
 from mercator_design.mapping.logs import RobotLog, Turn
 from mercator_design.mapping.poses import between, compose, interpolate, inverse, transform
 from mercator_design.mapping.track import Clusters, Keyframes, Track
@@ -123,34 +124,20 @@ def perfect_track(ways, number, walls, duration, seed, *, clock=0.0, missing=0.0
         np.array([one[4] for one in clusters], dtype=np.int64),
     )
     nothing = np.zeros(len(turns), dtype=np.int64)
-    return Track(
-        log, middles, poses, nothing, np.ones(len(turns)), np.zeros(len(turns)), _keyframes(turns, poses), found
-    )
+    return Track(log, middles, poses, nothing, np.ones(len(turns)), np.zeros(len(turns)), _keyframes(log, poses), found)
 
 
-def _keyframes(turns, poses, every=3):
-    """Keyframes of robots that hardly move in a turn: the normals are those of the nearest beams."""
-    chosen = np.arange(0, len(turns), every)
+def _keyframes(log, poses, every=3):
+    preparation = Preparation(log)
+    chosen = np.arange(0, len(log.turns), every)
     first, points, normals = [0], [], []
     for k in chosen:
-        turn = turns[k]
-        own = turn.ranges[:, None] * np.column_stack([np.cos(turn.angles), np.sin(turn.angles)])
-        along = np.roll(own, -3, axis=0) - np.roll(own, 3, axis=0)
-        kept = np.flatnonzero(np.linalg.norm(along, axis=1) < 0.25)[::2]
-        normal = np.column_stack([along[kept, 1], -along[kept, 0]])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        normal *= -np.sign(np.sum(normal * own[kept], axis=1))[:, None]
-        points.append(own[kept])
-        normals.append(normal)
-        first.append(first[-1] + len(kept))
-    return Keyframes(
-        chosen,
-        poses[chosen],
-        np.zeros(len(chosen), dtype=np.int64),
-        np.array(first),
-        np.concatenate(points).astype(np.float32),
-        np.concatenate(normals).astype(np.float32),
-    )
+        scan = preparation.scan(int(k))
+        points.append(scan.points.astype(np.float32))
+        normals.append(scan.normals.astype(np.float32))
+        first.append(first[-1] + len(scan.points))
+    nowhere = np.zeros(len(chosen), dtype=np.int64)
+    return Keyframes(chosen, poses[chosen], nowhere, np.array(first), np.concatenate(points), np.concatenate(normals))
 
 
 def true_frame(tracks, a, b):

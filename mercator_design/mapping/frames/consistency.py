@@ -79,8 +79,8 @@ def _inconsistent(n: int, links: Sequence[Link]) -> list[tuple[int, str]] | None
 
 
 def _rank(link: Link) -> tuple[int, float]:
-    """Links by maps are weaker than those by sightings."""
-    return ("maps", "sightings", "start").index(link.source), link.support
+    """Links by maps are weaker than given starts, and these than sightings."""
+    return ("maps", "start", "sightings").index(link.source), link.support
 
 
 def _similar(first: Link, second: Link) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mercator_design.arrays import Floats, Numbers
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.mapping.poses import compose, interpolate, inverse, transform, wrap
 from mercator_design.mapping.track import Track
 
@@ -24,6 +24,10 @@ class Sightings:
 
     times: Floats  # (k,) [s]
     points: Floats  # (k, 2) their centres
+    rows: Numbers  # (k,) the clusters of the track that they are
+
+
+_NOTHING = Sightings(np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -58,9 +62,10 @@ class Fragment:
         found[~inside] = math.nan
         return found
 
-    def with_sightings(self, kept: np.ndarray) -> "Fragment":
-        """The same with some of its sightings (k,)."""
-        return replace(self, sightings=Sightings(self.sightings.times[kept], self.sightings.points[kept]))
+    def with_sightings(self, kept: Flags | Numbers) -> "Fragment":
+        """The same with some of its sightings."""
+        times, points, rows = self.sightings.times, self.sightings.points, self.sightings.rows
+        return replace(self, sightings=Sightings(times[kept], points[kept], rows[kept]))
 
 
 def fragments(track: Track, min_turns: int = 10) -> list[Fragment]:
@@ -89,7 +94,7 @@ def _fragment(track: Track, segment: int) -> Fragment:
     difference[:, 2] = wrap(difference[:, 2])
     poses = forwards + share * difference
     poses[:, 2] = np.unwrap(poses[:, 2])
-    bare = Fragment(track, segment, rows, float(start), poses, Sightings(np.empty(0), np.empty((0, 2))))
+    bare = Fragment(track, segment, rows, float(start), poses, _NOTHING)
     return replace(bare, sightings=_sightings(bare))
 
 
@@ -109,7 +114,7 @@ def _sightings(fragment: Fragment) -> Sightings:
     lidar = compose(moment, track.log.lidar_pose)[:, :2]
     away = points - lidar
     away *= HEAD_DEPTH / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, np.newaxis]
-    return Sightings(times, points + away)
+    return Sightings(times, points + away, chosen)
 
 
 def to_frame(frame: Floats, fragment: Fragment) -> Floats:

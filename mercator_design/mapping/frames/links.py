@@ -4,6 +4,7 @@ A wrong frame ruins a map, a missing one only leaves two maps. So a link needs s
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 from mercator_design.mapping.frames.evidence import Evidence, evidence
-from mercator_design.mapping.frames.fragment import Fragment, Sightings
+from mercator_design.mapping.frames.fragment import Fragment
 from mercator_design.mapping.frames.voting import Fit, candidates, is_distinct, pairs_of, refined
 
 MIN_VOTES = 30
@@ -65,7 +66,7 @@ class Link:
         return replace(self, refusal=reason)
 
 
-def link_by_sightings(a: int, b: int, parts: list[Fragment], clock_search: float) -> Link | None:
+def link_by_sightings(a: int, b: int, parts: Sequence[Fragment], clock_search: float) -> Link | None:
     """The best frame of two fragments by sightings, accepted or refused; None if hardly any sightings agree on one.
 
     Args:
@@ -94,7 +95,7 @@ def link_by_sightings(a: int, b: int, parts: list[Fragment], clock_search: float
     return link
 
 
-def _best(a: int, b: int, parts: list[Fragment], fits: list[Fit]) -> Link | None:
+def _best(a: int, b: int, parts: Sequence[Fragment], fits: list[Fit]) -> Link | None:
     fits = [fit for fit in fits if fit.votes >= _FEW_VOTES]
     if not fits:
         return None
@@ -165,5 +166,4 @@ def _thinned(fragment: Fragment) -> Fragment:
     n = len(fragment.sightings.times)
     if n <= _SCANNED:
         return fragment
-    chosen = np.linspace(0, n - 1, _SCANNED).astype(np.int64)
-    return replace(fragment, sightings=Sightings(fragment.sightings.times[chosen], fragment.sightings.points[chosen]))
+    return fragment.with_sightings(np.linspace(0, n - 1, _SCANNED).astype(np.int64))

@@ -1,0 +1,180 @@
+"""All frames of a swarm: links by sightings, then by given starts and by maps, as far as they agree."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from mercator_design.arrays import Flags
+from mercator_design.mapping.frames.consistency import Component, Merge, merged
+from mercator_design.mapping.frames.fragment import Fragment, fragments
+from mercator_design.mapping.frames.links import Link, link_by_sightings
+from mercator_design.mapping.frames.map_matching import match_maps
+from mercator_design.mapping.frames.persistence import furniture
+from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, walls_of
+from mercator_design.mapping.poses import between, compose, inverse
+from mercator_design.mapping.track import Track
+
+MAX_CONFLICT = 0.15
+"""Share of one map's walls that may lie where the beams of the other one's robot went through."""
+
+_MAX_MAPS = 12
+"""Separate maps that are compared with each other, the largest first."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """The fragments of a swarm and where they stand."""
+
+    parts: tuple[Fragment, ...]
+    furniture: tuple[Flags, ...]  # of each track: which of its clusters (s,) are furniture
+    components: tuple[Component, ...]  # the members are numbers of parts
+    links: tuple[Link, ...]
+    messages: tuple[str, ...]  # sentences on what was joined and what was not
+
+
+def join(tracks: Sequence[Track], clock_search: float = 3.0, report: Callable[[float], None] | None = None) -> Joined:
+    """Find the frames of robots.
+
+    Args:
+        tracks: One of each robot.
+        clock_search: [s] The clocks of robots differ by at most this; 0: they are one clock.
+        report: Called with the share that is done.
+    """
+    found = [part for track in tracks for part in fragments(track)]
+    standing = [furniture(part) for part in found]
+    parts = [part.with_sightings(~flags) for part, flags in zip(found, standing, strict=True)]
+    links = _links_by_sightings(parts, clock_search, report)
+    merge = merged(len(parts), [*links, *_links_by_starts(parts)])
+    merge = _joined_by_maps(parts, merge)
+    messages = _messages(parts, merge)
+    of_tracks = [np.zeros(len(track.clusters.times), dtype=np.bool_) for track in tracks]
+    for part, flags in zip(found, standing, strict=True):
+        number = next(k for k, track in enumerate(tracks) if track is part.track)
+        of_tracks[number][part.sightings.rows[flags]] = True
+    return Joined(tuple(parts), tuple(of_tracks), merge.components, merge.links, messages)
+
+
+def _links_by_sightings(
+    parts: Sequence[Fragment], clock_search: float, report: Callable[[float], None] | None
+) -> list[Link]:
+    pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if parts[a].track is not parts[b].track]
+    maps = _Maps(parts)
+    found = []
+    for done, (a, b) in enumerate(pairs):
+        link = link_by_sightings(a, b, parts, clock_search)
+        if link is not None:
+            found.append(_checked_by_walls(link, maps) if link.is_accepted else link)
+        if report:
+            report((done + 1) / len(pairs))
+    return found
+
+
+class _Maps:
+    """The walls and fields of fragments, each made once."""
+
+    def __init__(self, parts: Sequence[Fragment]) -> None:
+        self._parts = parts
+        self.walls: Callable[[int], Walls] = functools.cache(lambda k: walls_of([parts[k]], [np.zeros(3)]))
+        self.field: Callable[[int], Field] = functools.cache(lambda k: field_of(self.walls(k)))
+
+
+def _checked_by_walls(link: Link, maps: _Maps) -> Link:
+    """The link, refused if the walls of one robot stand where the other one's beams went through."""
+    if min(len(maps.walls(link.a).points), len(maps.walls(link.b).points)) == 0:
+        return link
+    share = max(
+        conflict(maps.walls(link.b), maps.field(link.a), link.frame),
+        conflict(maps.walls(link.a), maps.field(link.b), inverse(link.frame)),
+    )
+    if share <= MAX_CONFLICT:
+        return link
+    return link.refused(f"{share:.0%} of the walls that one saw stand where the other one's beams went through")
+
+
+def _links_by_starts(parts: Sequence[Fragment]) -> list[Link]:
+    """Links between the first fragments of the robots whose starts are given."""
+    given = []
+    for number, part in enumerate(parts):
+        start = part.track.log.start
+        if start is not None and len(part.turns) and part.turns[0] == 0:
+            given.append((number, compose(np.asarray(start, float), inverse(part.poses[0]))))
+    return [
+        Link(first, number, between(frame, other), "start", 1.0)
+        for first, frame in given[:1]
+        for number, other in given[1:]
+    ]
+
+
+def _joined_by_maps(parts: Sequence[Fragment], merge: Merge) -> Merge:
+    """Join components by their maps, the best match first, until none is accepted."""
+    tried: dict[tuple[tuple[int, ...], tuple[int, ...]], Link | None] = {}
+    while len(merge.components) > 1:
+        components = merge.components[:_MAX_MAPS]
+        for first, second in combinations(components, 2):
+            key = first.members, second.members
+            if key not in tried:
+                tried[key] = _link_by_maps(parts, first, second)
+        current = [tried[one.members, other.members] for one, other in combinations(components, 2)]
+        accepted = [link for link in current if link is not None and link.is_accepted]
+        refused = [link for link in current if link is not None and not link.is_accepted]
+        known = [link for link in merge.links if not (link.source == "maps" and not link.is_accepted)]
+        if not accepted:
+            return Merge(merge.components, (*known, *refused))
+        best = max(accepted, key=lambda link: link.support)
+        merge = merged(len(parts), [*known, best])
+        if len(merge.components) >= len(components) and not merge.links[-1].is_accepted:
+            return merge
+    return merge
+
+
+def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> Link | None:
+    walls = [walls_of([parts[k] for k in one.members], list(one.frames)) for one in (first, second)]
+    if min(len(one.points) for one in walls) == 0:
+        return None
+    field, of_second = field_of(walls[0]), field_of(walls[1])
+    match = match_maps(walls[1], field, walls[0])
+    if match is None:
+        return None
+    # The longest fragments stand for their components.
+    link = Link(first.members[0], second.members[0], match.frame, "maps", match.score, second=match.second)
+    if match.refusal:
+        return link.refused(match.refusal)
+    share = max(conflict(walls[1], field, match.frame), conflict(walls[0], of_second, inverse(match.frame)))
+    if share > MAX_CONFLICT:
+        return link.refused(f"{share:.0%} of the walls of one map stand where beams went through in the other one")
+    return link
+
+
+def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
+    """What was joined by less than sightings, which clocks differ, and why maps are separate."""
+    said = []
+    for link in merge.links:
+        names = f"{parts[link.a].name} and {parts[link.b].name}"
+        if link.is_accepted and link.source == "maps":
+            said.append(f"{names} never met long enough; their maps agree in {link.support:.0%} of the walls.")
+        elif link.source == "start" and not link.is_accepted:
+            said.append(f"{names}: the given starts disagree with what was seen, so they are not used: {link.refusal}.")
+    for component in merge.components:
+        for member, offset in zip(component.members, component.offsets, strict=True):
+            if abs(offset) > 0.01:
+                first = parts[component.members[0]].name
+                side = "ahead of" if offset > 0.0 else "behind"
+                said.append(f"The clock of {parts[member].name} is {abs(offset):.3f} s {side} that of {first}.")
+    if len(merge.components) > 1:
+        groups = [", ".join(parts[k].name for k in one.members) for one in merge.components]
+        said.append(f"{len(groups)} separate maps: {'; '.join(groups)}.")
+        label = {k: number for number, one in enumerate(merge.components) for k in one.members}
+        for link in merge.links:
+            if label[link.a] != label[link.b] and link.refusal and link.source != "start":
+                said += [f"{parts[link.a].name} and {parts[link.b].name} were not joined: {link.refusal}."]
+        linked = {(label[link.a], label[link.b]) for link in merge.links}
+        linked |= {(b, a) for a, b in linked}
+        for a, b in combinations(range(len(merge.components)), 2):
+            if (a, b) not in linked:
+                said.append(
+                    f"Maps {a + 1} and {b + 1}: the robots never saw each other, and the maps have too few walls."
+                )
+    return tuple(said)

@@ -1,0 +1,214 @@
+"""Refines all keyframes of a component together: random pairs of keyframes by their points, odometry, and sightings."""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mercator_design.arrays import Floats, Numbers
+from mercator_design.jit import compiled
+from mercator_design.mapping.frames.fragment import Fragment
+from mercator_design.mapping.joint.kernels import (
+    N_BINS,
+    add_motion_factors,
+    add_point_factors,
+    add_sighting_factors,
+)
+from mercator_design.mapping.joint.pairing import pairs_of_nodes
+from mercator_design.mapping.joint.sightings import SightingFactors, sighting_factors
+from mercator_design.mapping.joint.solving import solve
+from mercator_design.mapping.poses import between, compose, interpolate, wrap
+from mercator_design.mapping.track import Points
+
+ROUNDS = 6
+STEPS = 2
+"""Of Gauss and Newton in a round."""
+GATES, SCALES = (0.25, 0.05), (0.10, 0.015)
+"""[m] In the first and the last round: between points that match, and of residuals in the weight."""
+NEIGHBOURS = 6
+"""Keyframes with which each one is compared in a round, beside the one before it."""
+POINT_SD, SPARSE_POINT_SD = 0.06, 0.2
+"""[m] Larger than the lidar's noise, as the points of a pair share errors: together they must not overrule odometry."""
+SIGHTING_SD = 0.015
+"""[m]"""
+
+_SPARSE = 0.3
+"""[m] Between keyframes of a log that is sparse."""
+_MOST_POINTS = 100
+"""Of a keyframe that are compared with another one."""
+_LEAST_SHARE = 0.25
+_SCALE_LIMITS = 0.7, 1.4
+
+
+class Refined(NamedTuple):
+    """Poses of keyframes in the frame of the component."""
+
+    poses: list[Floats]  # of each part: (k, 3) of its keyframes
+    scales: dict[str, float]  # of each robot, by the name of its log: the factor of its odometry's distances
+    pairs: int  # pairs of keyframes that held in the last round
+    sightings: int
+
+
+class _Nodes(NamedTuple):
+    """All keyframes of a component, in the order of parts and times."""
+
+    parts: Numbers  # (k,)
+    times: Floats  # (k,) [s] on the robot's clock
+    poses: Floats  # (k, 3)
+    first: Numbers  # (k + 1,)
+    points: Points  # (p, 2), those of a keyframe in the order of bearings
+    normals: Points
+    bins: NDArray[np.int32]  # (k, N_BINS + 1)
+
+
+def refine(
+    parts: Sequence[Fragment],
+    frames: Floats,
+    offsets: Floats,
+    generator: np.random.Generator,
+    *,
+    with_sightings: bool = True,
+    rounds: int = ROUNDS,
+    report: Callable[[float], None] | None = None,
+) -> Refined:
+    """Refine the keyframes of the parts of a component.
+
+    Args:
+        parts: The fragments.
+        frames: (parts, 3) where they stand.
+        offsets: (parts,) [s] of their clocks.
+        generator: Draws the pairs.
+        with_sightings: Whether sightings of robots count.
+        rounds: Each has new pairs.
+        report: Called with the share that is done.
+    """
+    nodes = _nodes(parts, frames)
+    poses = nodes.poses.copy()
+    scales = {part.track.log.name: part.track.scale for part in parts}
+    edges, raw = _motions(parts, nodes)
+    seen = (
+        sighting_factors(parts, frames, offsets, _keyframe_times(parts)) if with_sightings else SightingFactors.none()
+    )
+    sigma = SPARSE_POINT_SD if len(raw) and np.median(np.hypot(raw[:, 0], raw[:, 1])) > _SPARSE else POINT_SD
+    held = 0
+    for number in range(rounds if len(poses) > 1 else 0):
+        progress = number / max(rounds - 1, 1)
+        gate, scale = (low * (high / low) ** progress for low, high in (GATES, SCALES))
+        pairs = np.ascontiguousarray(
+            np.concatenate([edges, pairs_of_nodes(poses, nodes.parts, NEIGHBOURS, generator)]), dtype=np.int64
+        )
+        measured = _scaled(raw, [scales[parts[k].track.log.name] for k in nodes.parts[edges[:, 0]]])
+        for _ in range(STEPS):
+            held, change = _step(nodes, poses, pairs, edges, measured, seen, gate, scale, sigma)
+            poses = compose(poses, change)
+            poses[:, 2] = wrap(poses[:, 2])
+        scales |= _estimated_scales(parts, nodes, poses, edges, raw)
+        if report:
+            report((number + 1) / rounds)
+    ends = np.searchsorted(nodes.parts, np.arange(len(parts) + 1))
+    return Refined([poses[low:high] for low, high in itertools.pairwise(ends)], scales, held, len(seen.pairs))
+
+
+def _keyframe_times(parts: Sequence[Fragment]) -> list[Floats]:
+    found = []
+    for part in parts:
+        keyframes = part.track.keyframes
+        found.append(part.track.times[keyframes.turns[keyframes.segments == part.segment]])
+    return found
+
+
+def _nodes(parts: Sequence[Fragment], frames: Floats) -> _Nodes:
+    numbers, poses, points, normals, first, bins = [], [], [], [], [0], []
+    for number, (part, frame) in enumerate(zip(parts, frames, strict=True)):
+        keyframes = part.track.keyframes
+        for k in np.flatnonzero(keyframes.segments == part.segment):
+            own, across = keyframes.of(int(k))
+            place = (np.arctan2(own[:, 1], own[:, 0]).astype(float) / (2.0 * math.pi) + 0.5) * N_BINS
+            at = np.floor(place).astype(np.int64) % N_BINS
+            order = np.argsort(at, kind="stable")
+            numbers.append(number)
+            poses.append(compose(frame, keyframes.poses[k]))
+            points.append(own[order])
+            normals.append(across[order])
+            first.append(first[-1] + len(own))
+            bins.append(np.searchsorted(at[order], np.arange(N_BINS + 1)).astype(np.int32))
+    times = _keyframe_times(parts)
+    nothing = np.empty((0, 2), dtype=np.float32)
+    return _Nodes(
+        np.array(numbers, dtype=np.int64),
+        np.concatenate(times) if times else np.empty(0),
+        np.array(poses, dtype=float).reshape(-1, 3),
+        np.array(first, dtype=np.int64),
+        np.ascontiguousarray(np.concatenate([nothing, *points])),
+        np.ascontiguousarray(np.concatenate([nothing, *normals])),
+        np.array(bins, dtype=np.int32).reshape(-1, N_BINS + 1),
+    )
+
+
+def _motions(parts: Sequence[Fragment], nodes: _Nodes) -> tuple[Numbers, Floats]:
+    """Pairs (m, 2) of each keyframe and the one before it in its part, and how odometry moves (m, 3), unscaled."""
+    later = np.flatnonzero(nodes.parts[1:] == nodes.parts[:-1]) + 1
+    raw = np.zeros((len(nodes.parts), 3))
+    for number, part in enumerate(parts):
+        own = nodes.parts == number
+        raw[own] = interpolate(part.track.log.odometry_times, part.track.log.odometry, nodes.times[own])
+    return np.column_stack([later, later - 1]), between(raw[later - 1], raw[later])
+
+
+def _scaled(raw: Floats, scales: Sequence[float]) -> Floats:
+    factor = np.asarray(scales, dtype=float)
+    return np.column_stack([raw[:, 0] * factor, raw[:, 1] * factor, raw[:, 2]])
+
+
+def _deviations(motions: Floats) -> Floats:
+    """Standard deviations (m, 3) of measured motions."""
+    step, turned = np.hypot(motions[:, 0], motions[:, 1]), np.abs(motions[:, 2])
+    place = 0.01 + 0.08 * step
+    return np.column_stack([place, place, 0.01 + 0.03 * turned + 0.02 * step])
+
+
+def _step(
+    nodes: _Nodes,
+    poses: Floats,
+    pairs: Numbers,
+    edges: Numbers,
+    measured: Floats,
+    seen: SightingFactors,
+    gate: float,
+    scale: float,
+    sigma: float,
+) -> tuple[int, Floats]:
+    """How many pairs hold, and the small motions (k, 3) of all keyframes."""
+    n, m = len(pairs), len(edges)
+    together = np.concatenate([pairs, edges, seen.pairs])
+    information, gradients = np.zeros((len(together), 3, 3)), np.zeros((len(together), 3))
+    held = compiled(add_point_factors)(
+        *(poses, pairs, nodes.points, nodes.normals, nodes.first, nodes.bins),
+        *(_MOST_POINTS, gate, scale, sigma, _LEAST_SHARE),
+        *(np.zeros((10, 3)), information[:n], gradients[:n]),
+    )
+    compiled(add_motion_factors)(
+        poses, edges, measured, _deviations(measured), information[n : n + m], gradients[n : n + m]
+    )
+    compiled(add_sighting_factors)(
+        *(poses, seen.pairs, seen.heads, seen.places, SIGHTING_SD, 3.0 * SIGHTING_SD),
+        *(information[n + m :], gradients[n + m :]),
+    )
+    return held, solve(poses, together, information, gradients)
+
+
+def _estimated_scales(
+    parts: Sequence[Fragment], nodes: _Nodes, poses: Floats, edges: Numbers, raw: Floats
+) -> dict[str, float]:
+    """The factors of the odometries' distances that fit the map best; 1 of a robot that stands."""
+    moved = between(poses[edges[:, 1]], poses[edges[:, 0]])
+    found = {}
+    for name in {part.track.log.name for part in parts}:
+        own = np.array([parts[k].track.log.name == name for k in nodes.parts[edges[:, 0]]], dtype=np.bool_)
+        length = float(np.sum(raw[own, :2] ** 2))
+        factor = float(np.sum(moved[own, :2] * raw[own, :2])) / length if length > 0.25 else 1.0
+        found[name] = float(np.clip(factor, *_SCALE_LIMITS))
+    return found

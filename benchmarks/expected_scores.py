@@ -123,7 +123,7 @@ def possible(mission: Mission) -> tuple[float, float]:
     elif name.startswith("robots_in_") or name in {"robots_evenly_in_zones", "zone_difference"}:
         most = 1 if parameters.get("share") else mission.robots
     else:
-        most = math.inf
+        most = 1 if name == "seen_walls" else math.inf
     return 0.0, most * (mission.duration / mission.control_period if parameters.get("when") == "always" else 1)
 
 

@@ -14,6 +14,7 @@ from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import any_contains, colour_at
 from mercator_design.missions.plugins import When, Zones
+from mercator_design.missions.walls import WallTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,6 +65,7 @@ class Trace:
     measure: Measure = not_measured
     led_colours: NDArray[np.int8] | None = None  # (cycles, robots) of LED_COLOURS that modules have set; -1: none
     signals: NDArray[np.int8] | None = None  # (cycles, robots) that modules sent; 0: none
+    walls: WallTable | None = None  # that the robots' lidars see; None: not known
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape

@@ -22,6 +22,7 @@ from mercator_design.sim.kernels.measuring import (
     add_noise,
     fill_clusters,
     fill_directions,
+    fill_drift,
     fill_ground,
     fill_lidar,
     fill_lux,
@@ -306,24 +307,36 @@ def gyroscope(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Fl
 @_device()
 def imu(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Pitch, roll and yaw in the world's frame [rad], yaw from -pi to pi."""
-    yaws = np.arctan2(np.sin(recording.headings[1:]), np.cos(recording.headings[1:]))
+    headings = measured_poses(recording)[1:, :, 2]
+    yaws = np.arctan2(np.sin(headings), np.cos(headings))
     return _finished(recording, sensor, IMU_DRAWS, cycles, _about_z(yaws)[cycles])
 
 
 @_device()
 def locator(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Position relative to the start, along the world's axes (eq. 12) [m]."""
-    places = recording.history.poses[1:, :, :2] - recording.history.poses[0, :, :2]
+    measured = measured_poses(recording)[..., :2]
+    places = measured[1:] - measured[0]
     return _finished(recording, sensor, LOCATOR_DRAWS, cycles, places[cycles])
 
 
 @_device()
 def quaternion(recording: Recording, sensor: MotionSensor, cycles: Numbers) -> Floats:
     """Orientation relative to that at the start (eq. 13): w, x, y, z."""
-    half = 0.5 * (recording.headings[1:] - recording.headings[0])
+    headings = measured_poses(recording)[..., 2]
+    half = 0.5 * (headings[1:] - headings[0])
     none = np.zeros_like(half)
     values = np.stack([np.cos(half), none, none, np.sin(half)], axis=2)
     return _finished(recording, sensor, QUATERNION_DRAWS, cycles, values[cycles])
+
+
+def measured_poses(recording: Recording) -> Floats:
+    """Poses (cycles + 1, robots, 3) by locator and imu, without noise: the true ones, unless they drift."""
+    poses, found = np.ascontiguousarray(recording.history.poses), np.zeros(recording.history.poses.shape)
+    if not recording.scene.motion.drifts:
+        return poses
+    compiled(fill_drift)(recording.scene, poses, recording.noise_keys, found)
+    return np.dstack([poses[0, :, :2] + found[..., :2], poses[..., 2] + found[..., 2]])
 
 
 def _ring(recording: Recording, sensors: int, cycles: Numbers, *, of_light: bool) -> Floats:

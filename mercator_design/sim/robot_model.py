@@ -26,11 +26,13 @@ from mercator_design.sim.robot_parts import (
     DiscBody,
     Drive,
     Ground,
+    Imu,
     Leds,
     Lidar,
     LidarNeighbours,
     LightCamera,
     LightRing,
+    Locator,
     MotionSensor,
     Neighbours,
     Physics,
@@ -60,8 +62,8 @@ class RobotModel(FromFile):
     velocity: DeviceWithAxes | None = None  # [m/s] along the start's axes
     accelerometer: DeviceWithAxes | None = None  # [g] along x, y and z
     gyroscope: MotionSensor | None = None  # [rad/s] about x, y and z
-    imu: MotionSensor | None = None  # [rad] of pitch, roll and yaw
-    locator: MotionSensor | None = None  # [m] from the start, along the world's axes
+    imu: Imu | None = None  # [rad] of pitch, roll and yaw
+    locator: Locator | None = None  # [m] from the start, along the world's axes
     quaternion: MotionSensor | None = None  # w, x, y, z of the orientation against that at the start
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()

@@ -16,6 +16,7 @@ Extent = Annotated[float, Range(0.01, 10.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
 Distances = Annotated[tuple[Distance, Distance], Ascending()]
 Bounds = Annotated[tuple[float, float], Ascending()]
+Fraction = Annotated[float, Range(0.0, 0.5)]
 Offset = Annotated[float, Range(-10.0, 10.0)]
 Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
 Amount = Annotated[float, Range(0.001, 1000.0)]
@@ -230,6 +231,8 @@ class Lidar:
     ring_radius: Annotated[float, Range(0.0, 10.0)] = 0.0  # [m] from where distances count
     head_radius: Annotated[float, Range(0.0, 10.0)] = 0.035  # [m] of what other lidars see; 0: they see nothing
     range: Distances = (0.10, 12.0)  # [m] nearer and farther read 0
+    loss: Annotated[float, Range(0.0, 1.0)] = 0.0  # chance that a beam of a turn reads 0
+    turn: Annotated[float, Range(0.01, 10.0)] = 0.1438  # [s] of a turn; the X4's 719 samples, 5000 a second
     noise: Noise = None  # [m] on distances
 
 
@@ -262,6 +265,26 @@ class DeviceWithAxes(MotionSensor):
     """A sensor of the robot's own motion along the axes that it had at the start."""
 
     forward: Literal["x", "y"] = "y"  # axis that points forwards: the RVR's is y, the Mercator paper's x
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imu(MotionSensor):
+    """The sensor of the robot's orientation, whose yaw may drift; the defaults are a yaw without drift."""
+
+    bias: Annotated[float, Range(0.0, 10.0)] = 0.0  # [rad/s] sd of the yaw's constant drift, drawn for each robot
+    walk_by_way: Annotated[float, Range(0.0, 10.0)] = 0.0  # [rad/sqrt(m)] sd of the yaw's drift in a metre
+    walk_by_turn: Annotated[float, Range(0.0, 10.0)] = 0.0  # [rad/sqrt(rad)] sd of the yaw's drift in a radian turned
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Locator(MotionSensor):
+    """The sensor of the robot's place, which adds up ways along the drifting yaw of the `imu`."""
+
+    scale_errors: tuple[Fraction, Fraction] = (0.0, 0.0)  # smallest, largest part by which a robot's ways are off
+
+    def __post_init__(self) -> None:
+        if self.scale_errors[0] > self.scale_errors[1]:
+            raise FieldError("scale_errors", f"expected the smaller first, found {list(self.scale_errors)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,6 +105,7 @@ class PreparedExperiment:
             signals=history.signals,
             floor=instance.start.floor.copy(),  # an objective of a plugin might run the dynamics on it
             zone_rows=instance.zone_rows,
+            walls=instance.walls,
             control_period=mission.control_period,
             measure=recording.measure,
         )

@@ -21,9 +21,11 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import (
     DiscBody,
     Gaussian,
+    Imu,
     Lidar,
     LightCamera,
     LightRing,
+    Locator,
     MotionSensor,
     Neighbours,
     Noise,
@@ -32,6 +34,8 @@ from mercator_design.sim.robot_parts import (
 )
 
 _QUIET = np.array([NO_NOISE, 0.0, 0.0])
+_NO_IMU = Imu(range=(0.0, 1.0))
+_NO_LOCATOR = Locator(range=(0.0, 1.0))
 _NO_PROXIMITY = Proximity(ring_radius=0.0, angles=(), range=(0.0, 0.0))
 _NO_LIDAR = Lidar(beams=0, first_angle=0.0, height=math.inf, head_radius=0.0, range=(0.0, 0.0))
 
@@ -131,7 +135,9 @@ def _motion(model: RobotModel) -> scene.Motion:
         device = getattr(model, sense.device)
         if isinstance(device, MotionSensor):
             bounds[k], noise[k] = device.range, noise_row(device.noise)
-    return scene.Motion(bounds=bounds, noise=noise)
+    imu, locator = model.imu or _NO_IMU, model.locator or _NO_LOCATOR
+    drift = scene.Drift(imu.bias, imu.walk_by_way, imu.walk_by_turn, *locator.scale_errors)
+    return scene.Motion(bounds=bounds, noise=noise, drifts=any(drift), drift=drift)
 
 
 def _proximity(model: RobotModel) -> scene.Proximity:
@@ -233,5 +239,7 @@ def _lidar(mission: Mission, model: RobotModel) -> scene.Lidar:
         furthest=furthest,
         outlines=np.vstack([np.zeros((0, 6)), *(edges(corners) for corners in outlines)]),
         sees_bodies=model.body.height > device.height,
+        loss=device.loss,
+        turn=device.turn,
         noise=noise_row(device.noise),
     )

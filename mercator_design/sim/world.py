@@ -15,6 +15,7 @@ from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, candidates
+from mercator_design.missions.walls import WallTable, walls_above
 from mercator_design.seeds import generator, stream_keys
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.swarm import Swarm, new_swarm
@@ -50,6 +51,7 @@ class Instance:
     scene: Scene
     swarm: Swarm
     zone_rows: dict[str, tuple[int, ...]]
+    walls: WallTable  # higher than the lidars; none if there are no lidars
 
 
 class World:
@@ -67,6 +69,7 @@ class World:
         self._scene = new_scene(mission, robot_model, self._sub_steps)
         self._waiting = _places_of(np.array(mission.placement.waiting[: mission.robots], dtype=float).reshape(-1, 3))
         self._zone_rows = mission.floor.zone_rows()
+        self._walls = walls_above(mission.arena, math.inf if robot_model.lidar is None else robot_model.lidar.height)
         self._start = lru_cache(_STARTS)(self._draw_start)
         self._check_room()
         self._check_steps()
@@ -113,7 +116,7 @@ class World:
             control_keys=start.control_keys,
             noise_keys=start.noise_keys,
         )
-        return Instance(self.robot_model, start.scene, scene, swarm, self._zone_rows)
+        return Instance(self.robot_model, start.scene, scene, swarm, self._zone_rows, self._walls)
 
     def _draw_start(self, seed: int) -> Start:
         n = self.mission.robots

@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from mercator_design import seeds
 from mercator_design.errors import MissionError
+from mercator_design.missions.arena import Arena, Box, Polygon
 from mercator_design.missions.floor import Disc, Dynamics, Floor, HalfPlane, Tiles
 from mercator_design.missions.mission import Objective
 from mercator_design.missions.objectives import OBJECTIVES
@@ -34,11 +35,12 @@ from mercator_design.missions.objectives.in_zones import (
     zones_in_color,
 )
 from mercator_design.missions.objectives.journeys import gate_crossings, trips
-from mercator_design.missions.objectives.mapping import seen_area
+from mercator_design.missions.objectives.mapping import seen_area, seen_walls
 from mercator_design.missions.objectives.signals import robots_where_told, stop_when_found, stop_when_told
 from mercator_design.missions.plugins import limits_of
 from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace, every_nth, not_measured
+from mercator_design.missions.walls import PIECE, walls_above
 
 FLOOR = Floor(
     zones=(
@@ -68,6 +70,7 @@ EVERY_PARAMETER = {
     "robots_in_fullest_zone": {"zones": ("spot", "nest"), "when": "always"},
     "robots_where_told": {"signal": "spot", "places": {"black": "nest", "white": "spot"}},
     "seen_area": {"side": 6.0, "cells": 30, "every": 5},
+    "seen_walls": {"beams": 7, "every": 3, "reach": 2.0, "turning_cost": 0.1},
     "stop_when_found": {"zones": ("yolk",)},
     "stop_when_told": {"signal": "spot", "color": "white"},
     "surface_and_perimeter": {
@@ -83,6 +86,7 @@ EVERY_PARAMETER = {
     "zones_in_color": {"zones": ("tiles", "spot"), "color": "red", "when": "always"},
 }
 
+ROOM = Arena(walls=Polygon(vertices=((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))), wall_height=0.3)
 VALUES = {"green": 0.0, "red": 1.0, "yellow": 2.0}
 GRID = {"side": 2.50001, "cells": 10}
 ZONES = {"sources": ("spot", "other"), "nests": ("nest",)}
@@ -103,6 +107,7 @@ def trace(positions, floor=FLOOR, beams=((1.0, 0.0), (0.0, 0.5))):
         zone_rows=floor.zone_rows(),
         control_period=0.1,
         measure=measure,
+        walls=walls_above(ROOM, 0.154),
     )
 
 
@@ -475,6 +480,63 @@ class TestSeenArea:
         assert seen_area(robot, side=10.0, cells=10, every=1) == 2.0 + 1.0 + 2.0
         assert seen_area(robot, side=10.0, cells=10, every=2) == 2.0 + 2.0
         assert seen_area(robot, side=10.0, cells=10, every=4) == 2.0
+
+
+def in_room(*places, obstacles=(), **changes):
+    """One robot's trace in ROOM, 6 m wide, with boxes in it."""
+    room = dataclasses.replace(ROOM, obstacles=obstacles, **changes)
+    return dataclasses.replace(walk(*places), walls=walls_above(room, 0.154))
+
+
+class TestSeenWalls:
+    def test_in_an_empty_room_many_beams_see_all_and_few_see_as_many_pieces(self):
+        robot = in_room((0.5, 0.2), (0.5, 0.2))
+        assert seen_walls(robot, beams=1000) == 1.0
+        assert seen_walls(robot, beams=36) == 36 * PIECE / 24.0
+        assert seen_walls(robot, beams=4, reach=2.6) == 1 / 240  # only the wall to the right is near enough
+
+    def test_a_wall_hides_what_is_behind_it_until_a_robot_is_there(self):
+        wall = Box(center=(0.0, 0.0), size=(0.1, 6.0), height=0.3)
+        here, there = (-1.5, 0.0), (1.5, 0.0)
+        assert seen_walls(in_room(here, here, obstacles=(wall,)), beams=1000) == pytest.approx(0.5)
+        assert seen_walls(in_room(here, here, there, obstacles=(wall,)), beams=1000, every=1) == pytest.approx(1.0)
+        low = dataclasses.replace(wall, height=0.08)
+        assert seen_walls(in_room(here, here, obstacles=(low,)), beams=1000) == 1.0
+
+    def test_looks_are_at_every_nth_cycle_and_the_last(self):
+        robot = in_room((0.0, 0.0), (2.7, 0.0), (0.01, 0.03), (-2.7, 0.03))
+        per_look = 4 / 240
+        assert seen_walls(robot, beams=4, every=3) == per_look
+        assert (
+            seen_walls(robot, beams=4, every=2) == 2 * per_look - 2 / 240
+        )  # both look at the same pieces to the sides
+        assert seen_walls(robot, beams=4, every=1) > seen_walls(robot, beams=4, every=2)
+
+    def test_turning_costs_what_the_mission_says(self):
+        still = in_room((0.0, 0.0), (0.0, 0.0))
+        turning = dataclasses.replace(still, poses=still.poses + np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.2]]]))
+        assert seen_walls(turning, beams=1000, turning_cost=0.1) == pytest.approx(1.0 - 0.1 * 2.0)
+        assert seen_walls(turning, beams=1000, turning_cost=1.0) == 0.0
+        assert seen_walls(still, beams=1000, turning_cost=1.0) == 1.0
+
+    @pytest.mark.parametrize("changes", [{"wall_height": 0.08}, None])
+    def test_without_walls_it_has_no_score(self, changes):
+        robot = walk(AWAY, AWAY) if changes is None else in_room(AWAY, AWAY, **changes)
+        robot = robot if changes else dataclasses.replace(robot, walls=None)
+        with pytest.raises(MissionError, match="needs walls or boxes that are higher than the robots' lidar"):
+            seen_walls(robot)
+
+
+def test_sides_that_nobody_can_see_are_not_open():
+    """A box whose end is in a wall, and one that stands on the end of another."""
+    boxes = (
+        Box(center=(2.5, 0.0), size=(1.0, 0.2), height=0.3),  # touches the wall at x = 3
+        Box(center=(1.9, 0.0), size=(0.2, 0.4), height=0.3),  # touches the first
+    )
+    walls = walls_above(dataclasses.replace(ROOM, obstacles=boxes), 0.154)
+    assert walls.pieces.sum() == len(walls.is_open) == 2 * 12 + 2 * 6 + 240
+    hidden = 2 + 2 + 2 + 2  # the first box's ends, what they cover of the second's side and of the wall
+    assert np.count_nonzero(~walls.is_open) == hidden
 
 
 class TestSignals:

@@ -36,7 +36,10 @@ def remembers(model, readings, memory, u):
     return Actions(0.4 + 0.1 * readings.heading, 0.5 + 0.1 * readings.odometry_x, -1.0, 0.0)
 
 
-@pytest.mark.parametrize("robot_model", [MERCATOR, NOISY], ids=["quiet", "noisy"])
+DRIFTING = load_robot_model("mercator-drifting")
+
+
+@pytest.mark.parametrize("robot_model", [MERCATOR, NOISY, DRIFTING], ids=["quiet", "noisy", "drifting"])
 def test_readings_are_those_of_the_devices(robot_model):
     outcome = simulator(robots=3, duration=20, robot_model=robot_model).run(EXPLORE, 1, record=True)
     found, measure = outcome.history.readings[..., FIRST : FIRST + 3 + N_RANGES], outcome.recording.measure

@@ -115,6 +115,7 @@ def read_logs(
             signals=np.array([[cycle.signal for cycle in row] for row in latest], dtype=np.int8).T,
             floor=floor,
             zone_rows={} if instance is None else instance.zone_rows,
+            walls=None if instance is None else instance.walls,
             control_period=period,
         ),
         robot_model=robot_model,

@@ -79,6 +79,7 @@ def read_trace(
             states=states,
             floor=instance.scene.floor,
             zone_rows=instance.zone_rows,
+            walls=instance.walls,
             control_period=period,
             led_colours=outputs.get("led_colour"),
             signals=outputs.get("signal"),

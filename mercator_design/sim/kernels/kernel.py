@@ -32,7 +32,7 @@ from mercator_design.sim.kernels.meetings import find_meetings, mark_close
 from mercator_design.sim.kernels.motion import glide, withdraw
 from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.kernels.scene import Scene
-from mercator_design.sim.kernels.sensing import sense
+from mercator_design.sim.kernels.sensing import drift, sense
 from mercator_design.sim.kernels.swarm import History, Swarm
 from mercator_design.software.architectures import control
 
@@ -155,6 +155,9 @@ def sense_and_control(
     always = EVERYTHING if records else read & _remembered(model)
     n_draws = len(swarm.draws)
     for i in range(len(swarm.poses)):
+        if scene.motion.drifts:
+            before, after = history.poses[cycle], history.poses[cycle + 1]
+            drift(scene, before, after, swarm.noise_keys[i], cycle, i, swarm.odometry)
         senses = _needed(model, program.reads[int(swarm.memory[i, ACTIVE])]) | always
         readings = sense(scene, model, swarm, cycle, i, senses)
         for k in range(n_draws):

@@ -10,8 +10,10 @@ import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.jit import jittable
+from mercator_design.missions.walls import meets_side
 from mercator_design.sim.kernels.noise import LIDAR_DRAWS, NO_NOISE, noise
 from mercator_design.sim.kernels.scene import Lidar, Scene
+from mercator_design.sim.kernels.sight import distance_to_box, distance_to_disc
 
 GROUP = 16
 """Number of beams that are cleared and read together."""
@@ -223,3 +225,40 @@ def _meet_disc(
         ahead = x * ray_x + y * ray_y
         if half_chord >= 0.0 and ahead > 0.0:
             found[k] = min(found[k], ahead - math.sqrt(half_chord))
+
+
+@jittable
+def cast_beam(scene: Scene, poses: Floats, i: int, ray_x: float, ray_y: float) -> float:
+    """Distance [m] from robot i's centre to what one beam meets; infinity if it meets nothing.
+
+    Args:
+        scene: The arena and the robots.
+        poses: (robots, 3 or more) x, y [m], heading [rad], at the time of the beam.
+        i: Which robot.
+        ray_x: Unit vector of the beam in the world's frame.
+        ray_y: The same.
+    """
+    lidar, x, y = scene.lidar, poses[i, 0], poses[i, 1]
+    outlines, nearest = lidar.outlines, math.inf
+    for w in range(len(outlines)):
+        to_x, to_y = outlines[w, 0] - x, outlines[w, 1] - y
+        nearest = min(nearest, meets_side(to_x, to_y, outlines[w, 2], outlines[w, 3], ray_x, ray_y))
+    radius = scene.corner if lidar.sees_bodies else lidar.head
+    for j in range(len(poses)):
+        from_x, from_y = x - poses[j, 0], y - poses[j, 1]
+        if j == i or radius == 0.0 or abs(from_x * ray_y - from_y * ray_x) > radius:
+            continue
+        if lidar.sees_bodies and not scene.round:
+            c, s = math.cos(poses[j, 2]), math.sin(poses[j, 2])
+            found = distance_to_box(
+                c * from_x + s * from_y,
+                c * from_y - s * from_x,
+                c * ray_x + s * ray_y,
+                c * ray_y - s * ray_x,
+                scene.half_length,
+                scene.half_width,
+            )
+        else:
+            found = distance_to_disc(from_x, from_y, ray_x, ray_y, radius)
+        nearest = min(nearest, found)
+    return nearest

@@ -10,13 +10,24 @@ from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.modules.clustering import neighbours_in_hits
-from mercator_design.modules.reference import ReferenceModel
-from mercator_design.sim.kernels.lidar import scan
-from mercator_design.sim.kernels.noise import noise
+from mercator_design.modules.reference import ReferenceModel, sense_number
+from mercator_design.sim.kernels.lidar import cast_beam, scan
+from mercator_design.sim.kernels.noise import (
+    NO_NOISE,
+    ODOMETRY_DRAWS,
+    ODOMETRY_TIME_DRAWS,
+    TURN_DRAWS,
+    TURN_LOSS_DRAWS,
+    TURN_PHASE_DRAWS,
+    draw,
+    noise,
+)
 from mercator_design.sim.kernels.scene import Scene
-from mercator_design.sim.kernels.sensing import ground_under, sense_light, sense_obstacles, sense_robots
+from mercator_design.sim.kernels.sensing import drift, ground_under, sense_light, sense_obstacles, sense_robots
 from mercator_design.sim.kernels.sight import cast, is_lit
 from mercator_design.sim.kernels.swarm import Swarm
+
+_IMU, _LOCATOR = map(sense_number, ("heading", "odometry"))
 
 
 def add_noise(row: Floats, keys: Keys, number: int, cycles: Numbers, values: Floats) -> None:
@@ -142,3 +153,92 @@ def fill_lidar(scene: Scene, swarm: Swarm, poses: Floats, cycles: Numbers, found
     for n in range(len(poses)):
         for i in range(poses.shape[1]):
             scan(scene, poses[n], i, swarm.noise_keys[i], cycles[n], found[n, i], swarm.hits, swarm.covered)
+
+
+def fill_turns(scene: Scene, poses: Floats, keys: Keys, scratch: Floats, starts: Floats, found: Floats) -> None:
+    """Distances [m] in turns of the lidars (turns, robots, beams); 0 where nothing is in range.
+
+    Each beam leaves at its own time, from where its robot then is, between the poses after two cycles.
+
+    Args:
+        scene: The arena and the robots.
+        poses: (cycles + 1, robots, 3) from the start on.
+        keys: (robots,) of streams of noise.
+        scratch: (robots, 3).
+        starts: (turns, robots) receives the times of the first beams [s].
+        found: Receives the distances; beams in order of time, clockwise from the front.
+    """
+    lidar, beams, period = scene.lidar, found.shape[2], scene.control_period
+    for i in range(found.shape[1]):
+        phase = draw(keys[i], TURN_PHASE_DRAWS, 0)
+        for n in range(len(found)):
+            starts[n, i] = (n + phase) * lidar.turn
+            for k in range(beams):
+                place_at(poses, (starts[n, i] + k * lidar.turn / beams) / period, scratch)
+                angle = scratch[i, 2] - 2.0 * math.pi * k / beams
+                distance = cast_beam(scene, scratch, i, math.cos(angle), math.sin(angle)) - lidar.ring
+                number = n * beams + k
+                if lidar.loss > 0.0 and draw(keys[i], TURN_LOSS_DRAWS, number) < lidar.loss:
+                    distance = math.inf
+                if not lidar.nearest <= distance <= lidar.furthest:
+                    distance = 0.0
+                elif lidar.noise[0] != NO_NOISE:
+                    disturbed = distance + noise(lidar.noise, keys[i], TURN_DRAWS, number)
+                    distance = max(0.0, min(lidar.furthest, disturbed))
+                found[n, i, k] = distance
+
+
+@jittable
+def place_at(poses: Floats, cycle: float, placed: Floats) -> None:
+    """Poses (robots, 3) between those after cycles (cycles + 1, robots, 3), at a time that is counted in cycles."""
+    row = max(0, min(len(poses) - 2, math.floor(cycle)))
+    part = max(0.0, min(1.0, cycle - row))
+    for i in range(len(placed)):
+        for k in range(3):
+            placed[i, k] = poses[row, i, k] + part * (poses[row + 1, i, k] - poses[row, i, k])
+
+
+def fill_drift(scene: Scene, poses: Floats, keys: Keys, found: Floats) -> None:
+    """Measured place against the start, along the world's axes, and error of the yaw (cycles + 1, robots, 3)."""
+    for cycle in range(len(poses) - 1):
+        for i in range(poses.shape[1]):
+            for k in range(3):
+                found[cycle + 1, i, k] = found[cycle, i, k]
+            drift(scene, poses[cycle], poses[cycle + 1], keys[i], cycle, i, found[cycle + 1])
+
+
+def fill_samples(
+    scene: Scene,
+    measured: Floats,
+    keys: Keys,
+    period: float,
+    late: float,
+    scratch: Floats,
+    times: Floats,
+    found: Floats,
+) -> None:
+    """Samples of measured poses, along the axes that each robot had at the start (samples, robots, 3).
+
+    Args:
+        scene: The robots.
+        measured: (cycles + 1, robots, 3) poses along the world's axes.
+        keys: (robots,) of streams of noise.
+        period: [s] from one sample to the next.
+        late: [s] by which a stamp is off at most.
+        scratch: (robots, 3).
+        times: (samples, robots) receives the stamps.
+        found: Receives the poses, with noise.
+    """
+    for n in range(len(found)):
+        place_at(measured, n * period / scene.control_period, scratch)
+        for i in range(found.shape[1]):
+            times[n, i] = n * period + late * (2.0 * draw(keys[i], ODOMETRY_TIME_DRAWS, n) - 1.0)
+            c, s = math.cos(measured[0, i, 2]), math.sin(measured[0, i, 2])
+            x = scratch[i, 0] - measured[0, i, 0]
+            y = scratch[i, 1] - measured[0, i, 1]
+            x += noise(scene.motion.noise[_LOCATOR], keys[i], ODOMETRY_DRAWS, 3 * n)
+            y += noise(scene.motion.noise[_LOCATOR], keys[i], ODOMETRY_DRAWS, 3 * n + 1)
+            found[n, i, 0] = c * x + s * y
+            found[n, i, 1] = c * y - s * x
+            found[n, i, 2] = scratch[i, 2] - measured[0, i, 2]
+            found[n, i, 2] += noise(scene.motion.noise[_IMU], keys[i], ODOMETRY_DRAWS, 3 * n + 2)

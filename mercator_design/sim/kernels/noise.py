@@ -30,7 +30,14 @@ NO_NOISE, GAUSSIAN, UNIFORM = 0.0, 1.0, 2.0
     IMU_DRAWS,
     LOCATOR_DRAWS,
     QUATERNION_DRAWS,
-) = range(17)
+    TURN_DRAWS,
+    TURN_LOSS_DRAWS,
+    TURN_PHASE_DRAWS,
+    DRIFT_DRAWS,
+    DRIFT_CONSTANTS_DRAWS,
+    ODOMETRY_DRAWS,
+    ODOMETRY_TIME_DRAWS,
+) = range(24)
 """The streams of a robot: one for each purpose of draws."""
 
 _DRAWS = 2  # draws for one value at most
@@ -51,3 +58,9 @@ def noise(row: Floats, key: np.uint64, stream: int, number: int) -> float:
 def draw(key: np.uint64, stream: int, number: int) -> float:
     """A uniform draw in [0, 1)."""
     return uniform(key, stream * _LANE + _DRAWS * number)
+
+
+@jittable
+def standard(key: np.uint64, stream: int, number: int) -> float:
+    """A normally distributed draw with mean 0 and standard deviation 1."""
+    return float(gaussian(key, stream * _LANE + _DRAWS * number))

@@ -21,11 +21,23 @@ class Proximity(NamedTuple):
     order: Numbers  # (N_RANGES,) of the sensors counter-clockwise from the front; empty: there are more or fewer
 
 
+class Drift(NamedTuple):
+    """How the yaw and the place drift that a robot measures; 0: not at all."""
+
+    bias: float  # [rad/s] sd of the yaw's constant drift
+    by_way: float  # [rad/sqrt(m)] sd of the yaw's random walk with the way driven
+    by_turn: float  # [rad/sqrt(rad)] sd of the same with the angle turned
+    least_scale: float  # smallest and largest part by which ways are off, to either side
+    most_scale: float
+
+
 class Motion(NamedTuple):
     """The sensors of the robot's own motion, in a row for each sense; zeros where that is measured by others."""
 
     bounds: Floats  # (senses, 2) between which readings are kept, in the device's unit
     noise: Floats  # (senses, 3)
+    drifts: bool
+    drift: Drift
 
 
 class Ground(NamedTuple):
@@ -79,6 +91,8 @@ class Lidar(NamedTuple):
     furthest: float  # [m]
     outlines: Floats  # (walls, 6) what stands in its way, as Scene.walls
     sees_bodies: bool
+    loss: float  # chance that a beam of a turn is lost
+    turn: float  # [s] of a turn
     noise: Floats
 
 

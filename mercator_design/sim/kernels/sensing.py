@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+
+from mercator_design.arrays import Floats
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.modules.clustering import neighbours_in_hits
@@ -16,6 +19,8 @@ from mercator_design.modules.perception import (
 from mercator_design.modules.reference import Readings, ReferenceModel, first_reading, sense_number, senses_bits
 from mercator_design.sim.kernels.lidar import scan_near
 from mercator_design.sim.kernels.noise import (
+    DRIFT_CONSTANTS_DRAWS,
+    DRIFT_DRAWS,
     GROUND_DRAWS,
     IMU_DRAWS,
     LIGHT_ANGLE_DRAWS,
@@ -29,6 +34,7 @@ from mercator_design.sim.kernels.noise import (
     PROXIMITY_WEIGHT_DRAWS,
     draw,
     noise,
+    standard,
 )
 from mercator_design.sim.kernels.scene import Scene
 from mercator_design.sim.kernels.sight import cast, is_hidden, is_lit
@@ -99,6 +105,8 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
 def sense_heading(scene: Scene, swarm: Swarm, cycle: int, i: int) -> float:
     """The heading of robot i by its IMU, which measures pitch, roll and yaw, counted from that at the start."""
     yaw = math.atan2(swarm.poses[i, 4], swarm.poses[i, 3])
+    if scene.motion.drifts:
+        yaw = math.atan2(math.sin(yaw + swarm.odometry[i, 2]), math.cos(yaw + swarm.odometry[i, 2]))
     turned = _measured(scene, swarm, i, _IMU, yaw, IMU_DRAWS, 3 * cycle + 2) - swarm.starts[i, 2]
     return math.atan2(math.sin(turned), math.cos(turned))
 
@@ -107,6 +115,8 @@ def sense_heading(scene: Scene, swarm: Swarm, cycle: int, i: int) -> float:
 def sense_place(scene: Scene, swarm: Swarm, cycle: int, i: int) -> tuple[float, float]:
     """The place of robot i by its locator, along the axes that the robot had at the start."""
     x, y = swarm.poses[i, 0] - swarm.starts[i, 0], swarm.poses[i, 1] - swarm.starts[i, 1]
+    if scene.motion.drifts:
+        x, y = swarm.odometry[i, 0], swarm.odometry[i, 1]
     x = _measured(scene, swarm, i, _LOCATOR, x, LOCATOR_DRAWS, 2 * cycle)
     y = _measured(scene, swarm, i, _LOCATOR, y, LOCATOR_DRAWS, 2 * cycle + 1)
     c, s = swarm.starts[i, 3], swarm.starts[i, 4]
@@ -344,3 +354,30 @@ def sense_light(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i
 def _channel(value: float) -> float:
     """The reading of a colour sensor: a whole number from 0 to 255."""
     return max(0.0, min(255.0, float(math.floor(value + 0.5))))
+
+
+@jittable
+def drift(scene: Scene, before: Floats, after: Floats, key: np.uint64, cycle: int, i: int, odometry: Floats) -> None:
+    """Add what robot i measures of its motion in a cycle: the way, and how much farther the yaw is off.
+
+    Args:
+        scene: With `motion.drift`.
+        before: (robots, 3 or more) poses at the beginning of the cycle.
+        after: The same at its end.
+        key: Key of the robot's stream of noise.
+        cycle: Number of the control cycle.
+        i: Which robot.
+        odometry: (robots, 3) changed: measured x, y [m] against the start along the world's axes, error of the yaw
+            [rad].
+    """
+    laws = scene.motion.drift
+    x, y, turned = after[i, 0] - before[i, 0], after[i, 1] - before[i, 1], after[i, 2] - before[i, 2]
+    scale = laws.least_scale + (laws.most_scale - laws.least_scale) * draw(key, DRIFT_CONSTANTS_DRAWS, 0)
+    scale = 1.0 + (scale if draw(key, DRIFT_CONSTANTS_DRAWS, 1) < 0.5 else -scale)
+    variance = laws.by_way * laws.by_way * math.sqrt(x * x + y * y) + laws.by_turn * laws.by_turn * abs(turned)
+    error = laws.bias * standard(key, DRIFT_CONSTANTS_DRAWS, 2) * scene.control_period
+    error += math.sqrt(variance) * standard(key, DRIFT_DRAWS, cycle)
+    yaw = odometry[i, 2] + 0.5 * error
+    odometry[i, 0] += scale * (math.cos(yaw) * x - math.sin(yaw) * y)
+    odometry[i, 1] += scale * (math.sin(yaw) * x + math.cos(yaw) * y)
+    odometry[i, 2] += error

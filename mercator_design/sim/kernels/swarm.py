@@ -20,6 +20,7 @@ class Swarm(NamedTuple):
 
     poses: Floats  # (robots, 5) x [m], y [m], heading [rad], its cosine and sine
     starts: Floats  # (robots, 5) the same at the start
+    odometry: Floats  # (robots, 3) measured x, y [m] against the start, error of the yaw [rad]; only if they drift
     velocities: Floats  # (robots, 3) x, y [m/s], turn [rad/s]
     commands: Floats  # (robots, 2) speed of the left and right tread [m/s]
     targets: Floats  # (robots, 3) velocity that the drive aims at: x, y [m/s], turn [rad/s]
@@ -77,6 +78,7 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
     return Swarm(
         poses=directed,
         starts=starts,
+        odometry=np.zeros((n, 3)),
         velocities=np.zeros((n, 3)),
         commands=np.zeros((n, 2)),
         targets=np.zeros((n, 3)),

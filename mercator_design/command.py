@@ -9,6 +9,7 @@ import importlib
 import io
 import math
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -19,12 +20,22 @@ import click
 
 from mercator_design.config import spelling
 from mercator_design.config.shipped import is_path
-from mercator_design.errors import ITEM, FsmError, MercatorError, Signalled, lack_of_memory, printable, printable_lines
-from mercator_design.modules.flavour import load_flavour
+from mercator_design.config.writing import digest_of
+from mercator_design.errors import (
+    ITEM,
+    FsmError,
+    MercatorError,
+    Signalled,
+    excerpt,
+    lack_of_memory,
+    printable,
+    printable_lines,
+)
+from mercator_design.modules.flavour import flavour_of, load_flavour
 from mercator_design.plugins.loading import run_plugin
-from mercator_design.plugins.sources import read_plugin
+from mercator_design.plugins.sources import Plugin, is_plugin, read_plugin
 from mercator_design.software.files import FsmFile, read_fsm, read_fsms, read_header
-from mercator_design.software.needed import MODULES, plugins_in
+from mercator_design.software.needed import DIGEST, PLUGINS, is_changed
 from mercator_design.system import address_space
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
@@ -50,6 +61,7 @@ def beginning(load: Callable[[tuple[Path, ...], dict[str, Any]], None]) -> Calla
             load(plugin, given)
             if given.get("flavour") is not None:
                 given["flavour"] = _flavour_named(given["flavour"])
+                _warn_of_flavour(given["flavour"], given)
             verb(*arguments, **given)
 
         begin.has_beginning = True  # type: ignore[attr-defined]
@@ -68,20 +80,49 @@ def _flavour_named(name_or_path: str) -> str:
         raise click.BadParameter(str(error), param_hint="'--flavour'") from None
 
 
+def _warn_of_flavour(name: str, arguments: Mapping[str, Any]) -> None:
+    """Warn of files of a verb's arguments that were designed with another version of the flavour that is given."""
+    for file in software_files(arguments):
+        header = read_header(file)
+        is_of_it = header.get("flavour", name) == name
+        if is_of_it and header.get(DIGEST, digest_of(flavour_of(name))) != digest_of(flavour_of(name)):
+            warn(f"{file}: the flavour {excerpt(name)} has changed since this was designed; the present one is used")
+
+
+def software_files(arguments: Mapping[str, Any]) -> list[Path]:
+    """The files of control software among a verb's arguments, as far as they are there."""
+    found = (arguments.get(name) for name in ("fsm", "one", "other"))
+    files = [file for each in found for file in (each if isinstance(each, tuple) else (each,))]
+    return [file for file in files if isinstance(file, Path) and file.is_file()]
+
+
+def check_modules(file: Path, header: Mapping[str, str], plugin: Plugin, arguments: Mapping[str, Any]) -> None:
+    """Refuse a plugin whose modules have changed since a file was designed; with --flavour, warn of it.
+
+    Raises:
+        FsmError: The plugin has changed and is to be refused.
+    """
+    if not is_changed(plugin, header):
+        return
+    what = f"{file}: {excerpt(plugin.name)} has changed since this was designed"
+    if arguments.get("flavour") is None:
+        copy = file.parent / PLUGINS / plugin.name
+        then = f"give --plugin {shlex.quote(str(copy))}" if is_plugin(copy) else "give it as it was then"
+        raise FsmError(f"{what}; it was not run; {then}, or --flavour to use its modules as they are now")
+    warn(f"{what}; the present version is used")
+
+
 def load_given(given: tuple[Path, ...], arguments: Mapping[str, Any]) -> None:
     """Run plugins, which must not have changed since the control software of a verb's arguments was designed.
 
     Raises:
-        MissionError, FsmError: One cannot be read or run, or has changed.
+        MissionError, FsmError: One cannot be read or run, or has changed (`check_modules`).
     """
     found = [(name, read_plugin(name)) for name in given]
-    for file in (value for value in arguments.values() if found and isinstance(value, Path) and value.is_file()):
+    for file in software_files(arguments) if found else ():
         header = read_header(file)
-        for name, plugin in found:
-            if {digest for known, digest in plugins_in(header.get(MODULES, "")) if known == plugin.name} - {
-                plugin.digest
-            }:
-                raise FsmError(f"{file}: {name} has changed since this was designed; it was not run")
+        for _, plugin in found:
+            check_modules(file, header, plugin, arguments)
     for name, plugin in found:
         run_plugin(plugin, str(name))
 

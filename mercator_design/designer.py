@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.config.writing import digest_of, dump
-from mercator_design.errors import RaceError, SimulationError, excerpt
+from mercator_design.errors import FsmError, RaceError, SimulationError, excerpt
 from mercator_design.jit import kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.architecture import Software
@@ -275,6 +275,22 @@ class Designer(Task[tuple[Software, int]]):
         return {
             "fsm": [text_of(architecture_of(start["flavour"]).decode(one, start["flavour"])) for one in configurations]
         }
+
+    @staticmethod
+    def recall(folder: Path, start: Start) -> None:
+        """As `Task.recall`: load the flavour from its file; no plugin is run.
+
+        Raises:
+            FsmError: It has modules of plugins that are not loaded.
+        """
+        try:
+            _load_flavour(folder, start)
+        except FsmError:
+            missing = [folder / PLUGINS / name for name in start["plugins"] if name not in loaded_plugins()]
+            if not missing:
+                raise
+            advice = " ".join(f"--plugin {shlex.quote(str(one))}" for one in missing)
+            raise FsmError(f"{folder}: control software has modules of a plugin; give {advice}") from None
 
     @staticmethod
     def check(start: Start, configurations: Sequence[Configuration]) -> None:

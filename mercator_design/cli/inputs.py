@@ -1,18 +1,19 @@
 """Inputs of several verbs: a controller's file, its mission, a robot model."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
 import click
 
 from mercator_design.cli.origin import Origin, origin_of
-from mercator_design.command import warn
+from mercator_design.command import check_modules, software_files, warn
 from mercator_design.config.writing import dump
 from mercator_design.errors import FsmError, MissionError, excerpt
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.plugins.loading import run_plugin
 from mercator_design.plugins.sources import read_plugin
 from mercator_design.results.files import read_provenance
@@ -20,6 +21,7 @@ from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.files import FsmFile, read_header
+from mercator_design.software.needed import module_plugins
 
 
 def new_simulator(mission: Mission, robot_model: str | None) -> Simulator:
@@ -69,7 +71,8 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
         MissionError: The mission or robot model that the header names has changed since the race.
     """
     header, origin = file.header, origin_of(fsm, file.header)
-    mission = _mission_of(origin, given["mission"], given["overrides"], warn)
+    modules = {plugin.name for plugin in module_plugins(flavour_of(file.software.flavour))}
+    mission = _mission_of(origin, given["mission"], given["overrides"], modules, warn)
     simulator = new_simulator(mission, given["robot_model"])
     is_other = header.get("mission") == mission.name and header.get("mission digest") not in {None, mission.digest}
     if is_other and given["mission"] is not None and not given["overrides"]:
@@ -94,19 +97,22 @@ def simulator_of(fsm: Path, file: FsmFile, given: Given, *, warn: Callable[[str]
 def load_plugins(given: Iterable[Path], arguments: Mapping[str, Any]) -> None:
     """Run plugins, after comparing their digests with those of the controller and the run folder of a verb's arguments.
 
-    If there is no --mission, a plugin must not have changed since the controller was designed.
+    A plugin must not have changed since the controller was designed, unless the option is given that says what it is
+    for now: --flavour, if the controller has modules of it, else --mission.
 
     Raises:
         MissionError: A plugin has another digest, or cannot be run.
         MercatorError: The controller or the folder cannot be read.
     """
-    fsm, folder = arguments.get("fsm"), arguments.get("directory") or arguments.get("resume")
-    controllers: tuple[Path, ...] = fsm if isinstance(fsm, tuple) else (fsm,) if fsm else ()
+    folder = arguments.get("directory") or arguments.get("resume")
     found = [(file, read_plugin(file)) for file in given]
-    for controller in controllers if found else ():
+    for controller in software_files(arguments) if found else ():
         origin = origin_of(controller, read_header(controller))
         for _, plugin in found:
-            origin.check_plugin(plugin.name, plugin.digest, refuse=arguments.get("mission") is None)
+            if plugin.name in origin.module_plugins:
+                check_modules(controller, origin.header, plugin, arguments)
+            else:
+                origin.check_plugin(plugin.name, plugin.digest, refuse=arguments.get("mission") is None)
     if found and folder is not None:
         raced: Any = read_provenance(folder).race.get("plugins", {})
         for file, plugin in found:
@@ -123,14 +129,20 @@ def ignore(_: object) -> None:
     """Ignore a warning."""
 
 
-def _mission_of(origin: Origin, given: str | None, overrides: tuple[str, ...], warn: Callable[[str], None]) -> Mission:
+def _mission_of(
+    origin: Origin,
+    given: str | None,
+    overrides: tuple[str, ...],
+    of_modules: Container[str],
+    warn: Callable[[str], None],
+) -> Mission:
     """The mission of a controller: the given one, the one in its run folder, or the one that its header names.
 
     If the header has the digest of the mission, the last two must have it, too.
     """
     if given is not None:
         return load_mission(given, overrides)
-    origin.check_loaded()
+    origin.check_loaded(of_modules)
     fsm, header = origin.file, origin.header
     named, digest = header.get("mission"), header.get("mission digest")
     if named is None:

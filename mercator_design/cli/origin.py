@@ -1,7 +1,7 @@
 """The origin of a controller, from its header and its run folder."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from mercator_design.plugins.loading import loaded_plugins
 from mercator_design.plugins.sources import is_plugin
 from mercator_design.results import provenance
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.software.needed import plugins_in
+from mercator_design.software.needed import MODULES, plugins_in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +26,11 @@ class Origin:
     folder: Path  # of its race
     race: Mapping[str, Any]  # the start of its race, from the folder's provenance; empty if there is none
 
+    @property
+    def module_plugins(self) -> set[str]:
+        """The names of the plugins of which it has modules."""
+        return {name for name, _ in plugins_in(self.header.get(MODULES, ""))}
+
     def plugins(self) -> Iterator[tuple[str, str]]:
         """Names and digests of its plugins at design; a name may come twice."""
         yield from plugins_in(self.header.get("plugins", ""))
@@ -33,8 +38,11 @@ class Origin:
         if isinstance(plugins, Mapping):
             yield from plugins.items()
 
-    def check_loaded(self) -> None:
-        """Make sure that its plugins are loaded and have not changed since it was designed.
+    def check_loaded(self, of_modules: Container[str] = ()) -> None:
+        """Make sure that its plugins are loaded, and have not changed since it was designed.
+
+        Args:
+            of_modules: Names of plugins whose digests were compared when its modules were read.
 
         Raises:
             MissionError: A plugin is not loaded or has changed.
@@ -46,7 +54,7 @@ class Origin:
                 is_there = Path(name).name == name and is_plugin(copy)
                 advice = f"give --plugin {shlex.quote(str(copy))}" if is_there else "give that plugin with --plugin"
                 raise MissionError(f"{self.file}: was designed with the plugin {excerpt(name)}; {advice}, or --mission")
-            if loaded[name] != digest:
+            if loaded[name] != digest and name not in of_modules:
                 raise MissionError(f"{self.file}: {self._edited(name)}; give --mission")
 
     def check_plugin(self, name: str, digest: str, *, refuse: bool) -> None:

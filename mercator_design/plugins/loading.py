@@ -56,7 +56,8 @@ def load_plugin(name_or_path: str | Path, digest: str | None = None) -> None:
     plugin = read_plugin(name_or_path)
     if digest not in {None, plugin.digest}:
         raise MissionError(
-            f"{name_or_path}: expected a plugin of digest {digest}, found {plugin.digest}; it was not run"
+            f"{name_or_path}: expected a plugin of digest {digest}, found {plugin.digest}; it was not run; put it back "
+            "as it was"
         )
     run_plugin(plugin, str(name_or_path))
 

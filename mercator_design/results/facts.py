@@ -12,6 +12,7 @@ from mercator_design.errors import MercatorError, RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.elimination.summary import Headline, Scores
 from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
@@ -81,7 +82,7 @@ class Facts:
         if task is not None:
             check_configurations(folder, record, task.optimizer.space)
         else:
-            TASKS[str(record.start["task"])].check(record.start, list(record.configurations.values()))
+            notes += _checked(folder, record)
         return cls(
             folder=folder,
             named=folder,
@@ -155,8 +156,8 @@ class Facts:
         return Scores(tuple(self.view.scores(configuration).values()), self.possible_scores)
 
     def software(self, configuration: int) -> Software | None:
-        """The control software of a configuration, if control software was raced."""
-        if self.start["task"] != "mission":
+        """The control software of a configuration, if control software was raced and its flavour is loaded."""
+        if self.start["task"] != "mission" or self.start["flavour"] not in flavour_names():
             return None
         return decoded(self.record.configurations[configuration], self.start["flavour"])
 
@@ -192,3 +193,18 @@ class Facts:
     def command(self, *verb: str, file: str = "", options: Sequence[str] = ()) -> str:
         """The command that runs a verb of mdesign on the folder or a file of it; by default the one for the page."""
         return shlex.join(["mdesign", *(verb or ["report"]), str(self.named / file), *options])
+
+
+def _checked(folder: Path, record: Record) -> tuple[str, ...]:
+    """Check the configurations of a race without its task; returns why that cannot be done, if it cannot.
+
+    Raises:
+        RaceError: A configuration is not of the race's space.
+    """
+    task = TASKS[str(record.start["task"])]
+    try:
+        task.recall(folder, record.start)
+    except MercatorError as error:
+        return error.messages
+    task.check(record.start, list(record.configurations.values()))
+    return ()

@@ -68,6 +68,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     record = read_journal(path).record
     if not record.start:
         raise RaceError(f"{path}: no race has begun here yet")
+    TASKS[record.start["task"]].recall(path, record.start)
     names, rows = configuration_rows(record, possible_scores(path))
     dtypes = {name: dtype for name, dtype in _DTYPES.items() if name in names}
     return pd.DataFrame(rows, columns=names, dtype=object).astype(dtypes).set_index("configuration")

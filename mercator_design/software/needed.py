@@ -18,6 +18,7 @@ FLAVOUR_FILE, PLUGINS = "flavour.yaml", "plugins"
 DIGEST, MODULES = "flavour digest", "module plugins"
 NEEDED = {DIGEST, MODULES}
 """Keys of the header."""
+_AS_IT_WAS = "give it as it was then, or --flavour to use all modules as they are now"
 
 
 def module_plugins(flavour: Flavour) -> tuple[Plugin, ...]:
@@ -55,6 +56,12 @@ def plugins_in(entry: str) -> Iterator[tuple[str, str]]:
             yield name, digest
 
 
+def is_changed(plugin: Plugin, header: Mapping[str, str]) -> bool:
+    """Whether a header names modules of another version of a plugin."""
+    known = {digest for name, digest in plugins_in(header.get(MODULES, "")) if name == plugin.name}
+    return bool(known - {plugin.digest})
+
+
 def load_beside(file: Path, header: Mapping[str, str]) -> None:
     """Run the plugins beside a file that its header names, and that are not loaded yet: what was copied to a robot.
 
@@ -73,14 +80,14 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
     Args:
         header: Of the file.
         named: The flavour that the file names.
-        flavour: The flavour that a user has given instead.
+        flavour: The flavour that a user has given instead: it is taken as it is now, with its modules.
         label: The file in errors.
         file: Its path; None if the text is of no file.
 
     Raises:
         FsmError: Something is missing, or has changed since the file was written.
     """
-    if flavour not in {None, named}:
+    if flavour is not None:
         return
     loaded = loaded_plugins()
     for name, digest in plugins_in(header.get(MODULES, "")):
@@ -91,7 +98,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
         if loaded[name] != digest:
             raise FsmError(
                 f"{label}: has modules of the plugin {excerpt(name)}, which has changed since this was designed: "
-                f"expected digest {excerpt(digest)}, found {loaded[name]}; give the plugin as it was then"
+                f"expected digest {excerpt(digest)}, found {loaded[name]}; {_AS_IT_WAS}"
             )
     digest = header.get(DIGEST, "")
     if named not in flavour_names():
@@ -106,7 +113,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
     if digest and digest_of(flavour_of(named)) != digest:
         raise FsmError(
             f"{label}: the flavour {excerpt(named)} has changed since this was designed: expected digest "
-            f"{excerpt(digest)}, found {digest_of(flavour_of(named))}; give the flavour as it was then"
+            f"{excerpt(digest)}, found {digest_of(flavour_of(named))}; {_AS_IT_WAS}"
         )
 
 

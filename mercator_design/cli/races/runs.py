@@ -61,6 +61,7 @@ def list_runs(folder: Path, *, as_json: bool = False) -> None:
 @runs.command(short_help="Show a race and its results.")
 @click.argument("directory", type=FOLDER)
 @click.option("--csv", "what", type=click.Choice([*_TABLES]), help="Print a table as CSV.")
+@PLUGIN
 def show(directory: Path, what: str | None) -> None:
     """Show the race of DIRECTORY; it may be running, interrupted or finished."""
     if what is None:

@@ -103,7 +103,8 @@ def deploy(
     if check and all(each.is_done for each in results):
         _check(fleet, timeout, left_out)
     if start and all(each.is_done for each in results):
-        given = {"duration": duration, "flavour": FLAVOUR_FILE if FLAVOUR_FILE in needed else flavour}
+        own = FLAVOUR_FILE if FLAVOUR_FILE in needed else flavour
+        given = {"duration": duration, "flavour": own if flavour is not None else None}
         options = [f"--{name}={value}" for name, value in given.items() if value is not None]
         options += ["--dry-run"] * dry_run + ["--lenient"] * lenient + left_out
         options += [f"--plugin={PLUGINS}/{plugin.name}" for plugin in module_plugins(flavour_of(file.software.flavour))]

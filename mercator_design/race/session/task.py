@@ -184,6 +184,14 @@ class Task(Problem[T]):
         """Configurations as columns of a table."""
 
     @staticmethod
+    def recall(folder: Path, start: Start) -> None:
+        """Load what `check` and `columns` need of the files in a folder, without running any.
+
+        Raises:
+            MercatorError: It cannot be loaded.
+        """
+
+    @staticmethod
     def check(start: Start, configurations: Sequence[Configuration]) -> None:
         """Make sure that configurations that were read are of the space that a start names.
 

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mercator_design.errors import RaceError, printable
+from mercator_design.errors import MercatorError, RaceError, printable
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
 from mercator_design.race.session.journal import Reading
+from mercator_design.race.session.record import Record
 from mercator_design.results.files import TASKS, possible_scores, read_journal
 from mercator_design.results.listing import COLUMNS, run_of, runs_of
 from mercator_design.show.charts import Axis
@@ -77,15 +78,25 @@ def run_summary(path: Path) -> str:
     if view.incumbents:
         lines += ["", *iterations_table(view, possible), *iteration_notes(view), ""]
     if run["winner"] is not None:
-        winner = [record.configurations[run["winner"]]]
-        task.check(record.start, winner)
-        columns = task.columns(record.start, winner)
+        columns, lack = _shown(path, record, run["winner"])
         tests = {number: Scores(scores, possible) for number, scores in view.test_scores().items()}
         lines += winner_lines(run["winner"], view, possible)
         lines += test_lines(view, tests)
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
+        lines += [f"Not shown: {message}" for message in lack]
     return "\n".join(map(printable, lines))
+
+
+def _shown(path: Path, record: Record, configuration: int) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
+    """A configuration as columns, and why there are none if what it is made of is not loaded."""
+    task, found = TASKS[record.start["task"]], [record.configurations[configuration]]
+    try:
+        task.recall(path, record.start)
+    except MercatorError as error:
+        return {}, error.messages
+    task.check(record.start, found)
+    return task.columns(record.start, found), ()
 
 
 def side_by_side(folders: Sequence[Path]) -> str:

@@ -53,6 +53,7 @@ class Thinned(NamedTuple):
 def odometry_at(times: Floats, poses: Floats, at: float, j: int) -> tuple[float, float, float, int]:
     """The pose at a time, and the sample after which it is; `j`: a sample to search from."""
     last = len(times) - 2
+    j = min(max(j, 0), last)
     while j < last and times[j + 1] <= at:
         j += 1
     while j > 0 and times[j] > at:

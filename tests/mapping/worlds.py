@@ -104,6 +104,22 @@ def seen(ways, number, walls, duration, generator, *, noise=0.005, clock=0.0, mi
     return turns, clusters
 
 
+def drifting_log(ways, number, walls, duration, seed, *, scale=1.04, **options):
+    """The log of a robot whose odometry is too long by a factor, and whose heading walks by 1 degree/sqrt(m)."""
+    generator = np.random.default_rng([seed, number])
+    turns, _ = seen(ways, number, walls, duration, generator, **options)
+    clock, begin = options.get("clock", 0.0), options.get("begin", 0.0)
+    times = np.arange(begin - 0.2, begin + duration + 0.2, 0.05)
+    truth = ways[number].at(times)
+    steps = between(truth[:-1], truth[1:])
+    steps[:, :2] *= scale
+    steps[:, 2] += generator.normal(0.0, math.radians(1.0), len(steps)) * np.sqrt(np.hypot(*steps[:, :2].T))
+    odometry = np.zeros((len(times), 3))
+    for k, step in enumerate(steps):
+        odometry[k + 1] = compose(odometry[k], step)
+    return RobotLog(f"robot {number}", turns, times + clock, odometry, truth_times=times + clock, truth=truth)
+
+
 def perfect_track(ways, number, walls, duration, seed, *, clock=0.0, missing=0.0, begin=0.0, error=0.001):
     """A robot's track as a front end makes it, nearly without error; its frame begins at the robot's first turn."""
     generator = np.random.default_rng([seed, number])

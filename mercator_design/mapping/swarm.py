@@ -1,0 +1,145 @@
+"""From the logs of a swarm to its maps: front end, loop closures, frames between robots, joint refinement."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mercator_design import seeds
+from mercator_design.arrays import Flags, Floats, Numbers
+from mercator_design.mapping.frames.fragment import fragments
+from mercator_design.mapping.frames.joining import Joined, join
+from mercator_design.mapping.frames.links import Link
+from mercator_design.mapping.front.lag import track_of
+from mercator_design.mapping.joint.refinement import Refined, refine
+from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.loops.closures import close_loops
+from mercator_design.mapping.poses import compose, inverse
+from mercator_design.mapping.track import Track
+
+Report = Callable[[str, float], None]
+"""Called with what is being done, and the share of it that is done."""
+
+_WIDE = 8.0
+"""[m] Across a robot's way: in smaller arenas the map that the front end keeps closes the loops."""
+_SPARSE_STEP = 0.3
+"""[m] Between turns of a log that is sparse."""
+
+
+@dataclass(frozen=True)
+class SwarmMap:
+    """The ways of robots in common frames. What could not be joined has a map of its own."""
+
+    tracks: tuple[Track, ...]  # poses of a segment are in the frame of its map
+    maps: tuple[
+        Numbers, ...
+    ]  # of each track: (segments,) the number of its map, the largest first; -1: too short for one
+    offsets: Floats  # (tracks,) [s] by which a robot's clock is ahead of that of the first one in its map
+    furniture: tuple[Flags, ...]  # of each track: (s,) which of its small clusters are furniture
+    links: tuple[Link, ...]  # between fragments, also those that were refused
+    messages: tuple[str, ...]
+
+    @property
+    def n_maps(self) -> int:
+        return int(max((one.max(initial=-1) for one in self.maps), default=-1)) + 1
+
+    def turns_of(self, number: int) -> list[tuple[int, Numbers]]:
+        """The tracks of a map, and their turns (n,) in it."""
+        found = []
+        for track, of_segment in enumerate(self.maps):
+            turns = np.flatnonzero(of_segment[self.tracks[track].segments] == number)
+            if len(turns):
+                found.append((track, turns))
+        return found
+
+
+def map_swarm(
+    logs: Sequence[RobotLog], *, clock_search: float = 3.0, seed: int = 0, report: Report | None = None
+) -> SwarmMap:
+    """Map what the robots of a swarm saw.
+
+    Args:
+        logs: One of each robot.
+        clock_search: [s] The clocks of the robots differ by at most this; 0: they are one clock.
+        seed: Of the pairs of keyframes that are compared.
+        report: Called as the work goes on.
+    """
+    say = report or (lambda _stage, _share: None)
+    generator = seeds.generator(seed, "map")
+    tracks = []
+    for number, log in enumerate(logs):
+        track = track_of(log, advance=_advance(say, number, len(logs), len(log.turns)))
+        if _needs_loops(track):
+            say("loops", number / len(logs))
+            track = close_loops(track, lambda one: refined_track(one, generator))
+        tracks.append(track)
+    joined = join(tracks, clock_search, lambda share: say("frames", share))
+    return _refined(tracks, joined, generator, say)
+
+
+def _advance(say: Report, number: int, logs: int, turns: int) -> Callable[[int], None]:
+    return lambda turn: say("turns", (number + (turn + 1) / turns) / logs)
+
+
+def _part(say: Report, stage: str, number: int, parts: int) -> Callable[[float], None]:
+    return lambda share: say(stage, (number + share) / parts)
+
+
+def refined_track(track: Track, generator: np.random.Generator) -> Track:
+    """A track with each of its segments refined by itself, and the scale of its odometry."""
+    found, scales = track.keyframes.poses.copy(), []
+    for part in fragments(track, min_turns=1):
+        result = refine([part], np.zeros((1, 3)), np.zeros(1), generator)
+        found[track.keyframes.segments == part.segment] = result.poses[0]
+        scales.append(result.scales[track.log.name])
+    scale = scales[0] if len(scales) == 1 else track.scale
+    return replace(track.with_keyframes(found), scale=scale)
+
+
+def _needs_loops(track: Track) -> bool:
+    if len(track.poses) < 2:
+        return False
+    steps = np.hypot(*np.diff(track.poses[:, :2], axis=0).T)
+    return bool(np.median(steps) > _SPARSE_STEP or np.ptp(track.poses[:, :2], axis=0).max() > _WIDE)
+
+
+def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Generator, say: Report) -> SwarmMap:
+    number_of = [next(k for k, track in enumerate(tracks) if track is part.track) for part in joined.parts]
+    found = [track.keyframes.poses.copy() for track in tracks]
+    maps = [np.full(track.n_segments, -1) for track in tracks]
+    offsets = np.zeros(len(tracks))
+    scales: dict[str, float] = {}
+    for number, component in enumerate(joined.components):
+        parts = [joined.parts[k] for k in component.members]
+        result = refine(
+            parts,
+            component.frames,
+            component.offsets,
+            generator,
+            report=_part(say, "keyframes", number, len(joined.components)),
+        )
+        frame = _given_frame(joined, component.members, result)
+        for k, part, poses, offset in zip(component.members, parts, result.poses, component.offsets, strict=True):
+            own = number_of[k]
+            found[own][tracks[own].keyframes.segments == part.segment] = compose(frame, poses)
+            maps[own][part.segment] = number
+            offsets[own] = offset
+        scales |= result.scales
+    changed = [
+        replace(track.with_keyframes(poses), scale=scales.get(track.log.name, track.scale))
+        for track, poses in zip(tracks, found, strict=True)
+    ]
+    return SwarmMap(tuple(changed), tuple(maps), offsets, joined.furniture, joined.links, joined.messages)
+
+
+def _given_frame(joined: Joined, members: Sequence[int], result: Refined) -> Floats:
+    """Where the frame of a component stands, so that the first robot with a given start is there."""
+    for k, poses in zip(members, result.poses, strict=True):
+        part = joined.parts[k]
+        start = part.track.log.start
+        keyframes = part.track.keyframes
+        if start is not None and part.turns[0] == 0 and len(poses):
+            before = keyframes.poses[keyframes.segments == part.segment][0]
+            first = compose(poses[0], compose(inverse(before), part.poses[0]))
+            return compose(np.asarray(start, float), inverse(first))
+    return np.zeros(3)

@@ -343,7 +343,8 @@ def header_of(simulator: Simulator, flavour: str = DEFAULT_FLAVOUR) -> dict[str,
 
 def mission_space(simulator: Simulator, flavour: str) -> Space:
     """All control software of a flavour, for races on a mission."""
-    usable, fires = (partial(one, simulator.mission, simulator.robot_model) for one in (is_of_use, can_fire))
+    robot_model = simulator.robot_model.with_flavour(flavour)
+    usable, fires = (partial(one, simulator.mission, robot_model) for one in (is_of_use, can_fire))
     return flavour_space(flavour, architecture_of(flavour).structure(flavour, usable, fires))
 
 

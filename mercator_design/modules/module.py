@@ -123,7 +123,12 @@ class Module:
     def probability(self, model: ReferenceModel, readings: Readings, parameters: Sequence[float]) -> float:
         """The probability of a condition in its first cycle."""
         memory = [0.0] * self.memory
-        return float(self.function(model, readings, memory, *parameters[: len(self.parameters)]))
+        return float(self.function(model, readings, memory, *parameters))
+
+    @property
+    def has_beta(self) -> bool:
+        """Whether its first parameter is beta from 0 to 1: by agreement its probability wherever it is not 0."""
+        return any((one.name, one.low, one.high) == ("beta", 0, 1) for one in self.parameters[:1])
 
     @property
     def needs_colours(self) -> bool:

@@ -5,7 +5,7 @@ and its assessment may differ in either (pseudo-reality) without a line of code.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -17,6 +17,7 @@ from mercator_design.config.loading import read
 from mercator_design.config.schema import FieldError, Range, checked
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import N_RANGES, SENSES, ReferenceModel
 from mercator_design.sim.fields import found_at, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
@@ -100,6 +101,11 @@ class RobotModel(FromFile):
         for key, (low, high) in (self.vary or {}).items():
             model = replaced(model, key.split("."), float(random.uniform(low, high)))
         return model
+
+    def with_flavour(self, flavour: str) -> "RobotModel":
+        """This robot with the constants of a flavour."""
+        constants = flavour_of(flavour).reference_model(self.reference_model)
+        return self if constants == self.reference_model else replace(self, reference_model=constants)
 
     @property
     def sees_colours(self) -> bool:

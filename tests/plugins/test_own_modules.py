@@ -399,6 +399,7 @@ class TestTrial:
             ("drive(1.0, 0.6", "drive(1.0, -1.2", "expected wheels from -1 to 1, found right -1.2"),
             ("return beta if", "return 2.0 * beta if", "expected a probability from 0 to 1, found 2"),
             ("return beta if", "return -beta if", "expected a probability from 0 to 1, found -1"),
+            ("return beta if", "return 0.5 * beta if", "expected 0 or beta, as a parameter of this name is the prob"),
             ("return beta if", 'return float("nan") if', "expected finite numbers, found [nan]"),
             ("memory=1", "memory=0", "list assignment index out of range (it declares memory=0)"),
             ("memory[0] = 0.0", "memory[1] = 0.0", "wall following: IndexError: list assignment index out of range"),
@@ -472,13 +473,13 @@ class TestCompiled:
 
     def test_forms_that_differ(self, tmp_path):
         (tmp_path / "walls.py").write_text(PLUGIN.replace("return beta if", "return beta * SHARE[0] if").replace(
-            "@condition", "SHARE = (0.5,)\n\n\n@condition"
+            "@condition", "SHARE = (1.0,)\n\n\n@condition"
         ))  # fmt: skip
         load_plugin(tmp_path / "walls.py")
         flavour = define_flavour(FLAVOUR, "walls")
-        modules.CONDITIONS["wall near"].function.__globals__["SHARE"] = (0.5,)
+        modules.CONDITIONS["wall near"].function.__globals__["SHARE"] = (1.0,)
         [*try_flavour(flavour, own_only=True)]
-        modules.CONDITIONS["wall near"].function.__globals__["SHARE"] = (0.25,)
+        modules.CONDITIONS["wall near"].function.__globals__["SHARE"] = (0.0,)
         problems = [problem for trial in try_flavour(flavour, own_only=True) for problem in trial.problems]
         assert len(problems) == 1
         assert "condition wall near: expected the same in both forms, found [" in problems[0]

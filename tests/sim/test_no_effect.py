@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import statistics
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -11,10 +12,18 @@ from PIL import Image
 
 from mercator_design.cli import cli
 from mercator_design.config import shipped
+from mercator_design.config.schema import Range
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
-from mercator_design.modules.module import CONDITIONS
-from mercator_design.sim.checks.no_effect import can_fire, floor_warnings, model_warnings, no_effect_warnings
+from mercator_design.modules.flavour import define_flavour
+from mercator_design.modules.module import CONDITIONS, condition
+from mercator_design.sim.checks.no_effect import (
+    can_fire,
+    dead_conditions,
+    floor_warnings,
+    model_warnings,
+    no_effect_warnings,
+)
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian, Neighbours, Uniform
 from tests.sim.worlds import mission
@@ -50,6 +59,36 @@ def test_there_are_none_of_shipped_missions(name):
 @pytest.mark.parametrize("name", shipped.robot_models())
 def test_there_are_none_of_shipped_robot_models(name):
     assert list(model_warnings(load_robot_model(name))) == []
+
+
+@pytest.mark.usefixtures("registries")
+class TestFlavours:
+    def test_constants_of_a_flavour_count(self):
+        gray = painted("gray")
+        text = "schema: 1\nbehaviours: {stop: 0}\nconditions: {black floor: 0}\n"
+        define_flavour(text, "usual")
+        define_flavour(f"{text}constants: {{black_highest: 200}}\n", "dark")
+        assert dead_conditions(gray, MERCATOR, "usual") == ["black floor"]
+        assert dead_conditions(gray, MERCATOR, "dark") == []
+
+    def test_a_condition_of_other_parameters_than_beta_may_fire(self):
+        @condition(reads={"ground"})
+        def between(
+            model,
+            readings,
+            memory,
+            beta: Annotated[float, Range(0, 1)],
+            low: Annotated[float, Range(0, 255)],
+            high: Annotated[float, Range(0, 255)],
+        ):
+            return beta if low < readings.ground_red < high else 0.0
+
+        define_flavour("schema: 1\nbehaviours: {stop: 0}\nconditions: {between: 0}\n", "levels")
+        gray = painted("gray")
+        assert dead_conditions(gray, MERCATOR, "levels") == []
+        assert [*no_effect_warnings(gray, MERCATOR, "levels")] == []
+        assert can_fire(gray, MERCATOR, CONDITIONS["between"], (1.0, 0.0, 200.0))
+        assert not can_fire(gray, MERCATOR, CONDITIONS["between"], (1.0, 200.0, 255.0))
 
 
 class TestColours:

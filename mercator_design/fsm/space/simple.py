@@ -18,8 +18,8 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
     The second behaviour ends by another condition. In one half of the cases it reads the same senses, for example on a
     floor of another colour; in the other half it is any. Numbers are drawn by `drawn_values`.
     """
-    behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, (1.0, 1.0))]
-    conditions = [one for one in kinds_of(modules_of(flavour)[1].values()) if usable(one.module, (1.0, one.label))]
+    behaviours = [one for one in modules_of(flavour)[0].values() if usable(one, ())]
+    conditions = [one for one in kinds_of(modules_of(flavour)[1].values()) if usable(one.module, one.strongest)]
     known = [*modules_of(flavour)[0].values()]
     search = next((one for one in known if one.name == "exploration"), known[0])
 

@@ -11,18 +11,21 @@ from typing import TypeVar
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_states, limits_of, modules_of, to_states
 from mercator_design.fsm.space.simple import simple_machines
-from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values, kinds_of, label_of, near
+from mercator_design.modules.drawing import (
+    Draws,
+    Usable,
+    always,
+    any_of,
+    drawn_values,
+    firing,
+    label_of,
+    make_moves,
+    near,
+)
 from mercator_design.modules.grammar import Value
 from mercator_design.modules.module import Module
 
 T = TypeVar("T")
-
-_ANOTHER_MOVE = 0.33
-"""Probability of one more move after each."""
-
-
-def _always(module: Module, parameters: Sequence[float]) -> bool:  # noqa: ARG001 - for any module
-    return True
 
 
 class PfsmStructure:
@@ -35,13 +38,10 @@ class PfsmStructure:
             transitions that cannot, and moves do not draw their conditions.
     """
 
-    def __init__(self, flavour: str, usable: Usable = _always, can_fire: Usable = _always) -> None:
+    def __init__(self, flavour: str, usable: Usable = always, can_fire: Usable = always) -> None:
         self._flavour = flavour
         self._usable = usable
-        conditions = list(kinds_of(modules_of(flavour)[1].values()))
-        self._dead = {(one.module.name, one.label) for one in conditions if not can_fire(one.module, (1.0, one.label))}
-        firing = {one.module.name for one in conditions if (one.module.name, one.label) not in self._dead}
-        self._conditions = [module for module in modules_of(flavour)[1].values() if module.name in firing]
+        self._conditions, self._dead = firing(modules_of(flavour)[1].values(), can_fire)
 
     def simple(self, draws: Draws) -> list[dict[str, Value]]:
         """The configurations of simple machines, in random order."""
@@ -81,11 +81,11 @@ def _firing(states: Sequence[State], dead: Collection[tuple[str, float]]) -> lis
 
     found = []
     for i, state in enumerate(states):
-        firing = tuple(filter(fires, state.transitions))
-        if not firing and i > 0 and state.transitions:
+        edges = tuple(filter(fires, state.transitions))
+        if not edges and i > 0 and state.transitions:
             kept = min(state.transitions, key=lambda edge: (edge.condition, edge.parameters))
-            firing = (kept._replace(target=0),)
-        found.append(state if firing == state.transitions else state._replace(transitions=firing))
+            edges = (kept._replace(target=0),)
+        found.append(state if edges == state.transitions else state._replace(transitions=edges))
     return found
 
 
@@ -139,13 +139,6 @@ class _States:
 
     def moved(self) -> list[State]:
         """The states after a move, or with decreasing probability more."""
-        self.move()
-        while self._draws.random() < _ANOTHER_MOVE:
-            self.move()
-        return self.states
-
-    def move(self) -> None:
-        """Make one possible move."""
         often = (self.tune,) * 4 + (self.change_behaviour, self.change_condition) * 2
         moves = (
             *often,
@@ -156,8 +149,8 @@ class _States:
             self.split_state,
             self.drop_state,
         )
-        while not self._any_of(moves)():
-            pass
+        make_moves(moves, self._draws)
+        return self.states
 
     def tune(self) -> bool:
         """Another value of a parameter."""
@@ -173,7 +166,10 @@ class _States:
 
     def change_behaviour(self) -> bool:
         i = self._any_of(range(len(self.states)))
-        module = self._any_of([m for m in self._behaviours if m.name != self.states[i].behaviour])
+        others = [m for m in self._behaviours if m.name != self.states[i].behaviour]
+        if not others:
+            return False
+        module = self._any_of(others)
         self.states[i] = self.states[i]._replace(behaviour=module.name, parameters=self._values(module))
         return True
 
@@ -264,7 +260,7 @@ class _States:
             self.states[k] = self.states[k]._replace(transitions=kept)
         del self.states[gone]
         for k, state in enumerate(self.states):
-            if not state.transitions and n > 2:
+            if not state.transitions and n > 2 and self._conditions:
                 self._connect(k, self._any_of([other for other in range(n - 1) if other != k]))
         return True
 
@@ -274,8 +270,12 @@ class _States:
         self.states[i] = self.states[i]._replace(transitions=(*self.states[i].transitions, edge))
 
     def _free(self) -> list[int]:
-        """States that may have one more transition."""
-        return [i for i, state in enumerate(self.states) if len(state.transitions) < self._max_transitions]
+        """States that may have one more transition; none where no condition can fire."""
+        return [
+            i
+            for i, state in enumerate(self.states)
+            if self._conditions and len(state.transitions) < self._max_transitions
+        ]
 
     def _edges(self) -> list[tuple[int, int]]:
         """State and place of each transition."""

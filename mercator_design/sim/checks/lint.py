@@ -13,6 +13,7 @@ from mercator_design.config.colours import COLOURS, LABELS, RGB
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import out_of_domain
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.checks.no_effect import ground_levels, readings_on, seen_colours
 from mercator_design.sim.robot_model import RobotModel
@@ -53,8 +54,7 @@ def _chance_of(target: int, choices: Sequence[_Choice], at: int) -> float:
 
 def _beta(edge: Transition) -> float | None:
     """The probability that is a condition's first parameter, if it has one."""
-    named = [parameter.name for parameter in edge.module.parameters]
-    return edge.parameters[0] if named[:1] == ["beta"] else None
+    return edge.parameters[0] if edge.module.has_beta else None
 
 
 def _chance(edge: Transition, model: ReferenceModel, readings: Readings) -> float:
@@ -93,9 +93,10 @@ def lint(
 
 class _Linter:
     def __init__(self, pfsm: Pfsm, names: Sequence[str], mission: Mission | None, model: RobotModel | None) -> None:
+        model = model and model.with_flavour(pfsm.flavour)
         self.pfsm, self.names, self.mission, self.model = pfsm, names, mission, model
         self.situations = _situations(mission, model)
-        reference = model.reference_model if model else ReferenceModel()
+        reference = model.reference_model if model else flavour_of(pfsm.flavour).reference_model(ReferenceModel())
         self.chances = {
             (i, j): [_chance(edge, reference, each) for each in self.situations] for i, j, edge in self._edges()
         }

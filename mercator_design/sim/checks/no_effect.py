@@ -11,6 +11,7 @@ from mercator_design.config.colours import COLOURS, RGB, Colour, ColourName
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Software
+from mercator_design.modules.drawing import kinds_of
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_of
 from mercator_design.modules.module import Module
 from mercator_design.modules.perception import gray_level, ground_by_vote
@@ -32,6 +33,7 @@ def no_effect_warnings(
 
     Without control software, all conditions of the flavour are checked.
     """
+    model = model.with_flavour(flavour)
     yield from model_warnings(model)
     if software is None:
         places = [(flavour, module) for module in flavour_of(flavour).numbered("condition").values()]
@@ -49,18 +51,13 @@ def no_effect_warnings(
 def dead_conditions(mission: Mission, model: RobotModel, flavour: str) -> list[str]:
     """The conditions of a flavour that never fire on a mission, each with its labels if only some of them do not."""
     dead = []
+    model = model.with_flavour(flavour)
     for condition in flavour_of(flavour).numbered("condition").values():
-        if condition.labelled:
-            known = condition.parameters[-1].labels
-            labels = [
-                label
-                for number, label in enumerate(known)
-                if not can_fire(mission, model, condition, (1.0, float(number)))
-            ]
-            if labels:
-                dead.append(condition.name + (f" {', '.join(labels)}" if len(labels) < len(known) else ""))
-        elif not can_fire(mission, model, condition, (1.0, 1.0)):
-            dead.append(condition.name)
+        kinds = [*kinds_of([condition])]
+        found = [kind for kind in kinds if not can_fire(mission, model, condition, kind.strongest)]
+        if found:
+            labels = ", ".join(condition.parameters[-1].labels[int(kind.label)] for kind in found if condition.labelled)
+            dead.append(condition.name + f" {labels}" * (len(found) < len(kinds)))
     return dead
 
 
@@ -75,6 +72,7 @@ def _dead_places(mission: Mission, model: RobotModel, software: Software) -> lis
 
 def dead_transitions(mission: Mission, model: RobotModel, pfsm: Pfsm) -> list[tuple[int, int]]:
     """State and number of each transition that never fires on the floor of a mission."""
+    model = model.with_flavour(pfsm.flavour)
     return [
         (i, j)
         for i, state in enumerate(pfsm.states)
@@ -91,9 +89,10 @@ def is_of_use(mission: Mission, model: RobotModel, module: Module, parameters: S
 
 
 def can_fire(mission: Mission, model: RobotModel, condition: Module, parameters: Sequence[float]) -> bool:
-    """Whether a condition can fire on the floor of a mission; True if that is not known."""
+    """Whether a condition can fire on the floor of a mission; True if that, or its parameters, are not known."""
     levels = ground_levels(mission, model)
-    if condition.reads != {"ground"} or condition.memory > 0 or levels is None:
+    are_known = len(parameters) == len(condition.parameters)
+    if condition.reads != {"ground"} or condition.memory > 0 or levels is None or not are_known:
         return True
     probability, constants = condition.probability, model.reference_model
     return any(probability(constants, readings_on(model, one), parameters) != 0.0 for one in levels)
@@ -142,7 +141,8 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
         labels = expected  # what else is wrong with the floor
     if conditions is None:
         conditions = flavour_of(DEFAULT_FLAVOUR).numbered("condition").values()
-    readers = [condition for condition in conditions if condition.reads == {"ground"} and condition.memory == 0]
+    kinds = kinds_of(one for one in conditions if one.reads == {"ground"} and one.memory == 0)
+    readers = [kind for kind in kinds if len(kind.strongest) == len(kind.module.parameters)]
     alike: dict[tuple[float, ...], list[str]] = {}
     for levels, colour in mission.floor.colours().items():
         written = colour if isinstance(colour, str) else str(list(colour))
@@ -154,9 +154,7 @@ def floor_warnings(mission: Mission, model: RobotModel, conditions: Iterable[Mod
             continue
         readings = readings_on(model, COLOURS[label_of(labels, levels)] if labels else levels)
         holds = tuple(
-            reader.probability(model.reference_model, readings, (1.0, float(label)))
-            for reader in readers
-            for label in range(len(reader.parameters[-1].labels) or 1)
+            reader.module.probability(model.reference_model, readings, reader.strongest) for reader in readers
         )
         alike.setdefault(holds, []).append(written)
     for colours in alike.values():

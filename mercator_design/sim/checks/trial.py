@@ -161,7 +161,7 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
                     "raises", f"{line_of(error) or place}{what}: {described(error)}{kept}, for {call.words(module)}"
                 )
                 break
-            for kind, words in _wrong(module, plain, rows[0]):
+            for kind, words in _wrong(module, call, plain, rows[0]):
                 problems.setdefault(kind, f"{place}{what}: {words}, for {call.words(module)}")
             if fast is not None and not problems:
                 with reporting_kernels({module.call: what}, FsmError):
@@ -219,7 +219,12 @@ def _plain(module: Module, model: ReferenceModel, call: _Call, row: Any, seen: s
     return found
 
 
-def _wrong(module: Module, found: Sequence[float], memory: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - an array
+def _wrong(
+    module: Module,
+    call: _Call,
+    found: Sequence[float],
+    memory: Any,  # noqa: ANN401 - an array
+) -> Iterator[tuple[str, str]]:
     """What is wrong with what a module returns, and with what it keeps."""
     if not all(isinstance(value, (int, float)) and math.isfinite(value) for value in found):
         yield "finite", f"expected finite numbers, found {list(found)}"
@@ -229,6 +234,12 @@ def _wrong(module: Module, found: Sequence[float], memory: Any) -> Iterator[tupl
     if module.kind == "condition":
         if not 0.0 <= found[0] <= 1.0:
             yield "probability", f"expected a probability from 0 to 1, found {found[0]:.6g}"
+        elif module.has_beta and found[0] not in {0.0, call.parameters[0]}:
+            yield (
+                "beta",
+                f"expected 0 or beta, as a parameter of this name is the probability where a condition holds, found "
+                f"{found[0]:.6g}; call the parameter otherwise",
+            )
         return
     actions = Actions(*found)
     for name in ("left", "right"):

@@ -153,7 +153,6 @@ def from_branches(branches: Sequence[Branch], flavour: str) -> dict[str, Value]:
 
 
 @by_entries
-@by_entries
 @functools.cache
 def _names(flavour: str) -> tuple[_BranchNames, ...]:
     """The names of the grammar for each branch."""
@@ -170,7 +169,6 @@ def _names(flavour: str) -> tuple[_BranchNames, ...]:
 
 
 @by_entries
-@by_entries
 @functools.cache
 def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]]:
     """The behaviours and the conditions that a flavour designs with, by their numbers."""
@@ -178,19 +176,13 @@ def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]
 
 
 @by_entries
-@by_entries
 @functools.cache
 def never_of(flavour: str) -> TreeNode | None:
     """A condition that never holds: the last one whose probability may be 0; None if there is none."""
     for module in reversed([*modules_of(flavour)[1].values()]):
-        if can_never_hold(module):
+        if module.has_beta:
             return condition(module.name, 0.0, *(float(parameter.low) for parameter in module.parameters[1:]))
     return None
-
-
-def can_never_hold(module: Module) -> bool:
-    """Whether a condition has a probability as its first parameter, so that it never holds where this is 0."""
-    return bool(module.parameters) and module.parameters[0].name == "beta"
 
 
 def limits_of(flavour: str) -> tuple[int, int]:

@@ -13,8 +13,8 @@ def simple_trees(flavour: str, usable: Usable, draws: Draws) -> list[tuple[Branc
     that part. The branch of a tree of one behaviour ends by a condition that never holds, if there is one.
     """
     known, tested = ([*modules.values()] for modules in modules_of(flavour))
-    behaviours = [one for one in known if usable(one, (1.0, 1.0))]
-    conditions = [one for one in kinds_of(tested) if usable(one.module, (1.0, one.label))]
+    behaviours = [one for one in known if usable(one, ())]
+    conditions = [one for one in kinds_of(tested) if usable(one.module, one.strongest)]
     search = next((one for one in known if one.name == "exploration"), known[0])
     never = never_of(flavour)
 

@@ -1,14 +1,23 @@
 """Moves in the structure of a designed tree, and the one tree that stands for all that are the same."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from mercator_design.modules.drawing import Draws, Usable, any_of, drawn_values, kinds_of, label_of, near
+from mercator_design.modules.drawing import (
+    Draws,
+    Usable,
+    always,
+    any_of,
+    drawn_values,
+    firing,
+    label_of,
+    make_moves,
+    near,
+)
 from mercator_design.modules.grammar import Value
 from mercator_design.modules.module import Module
 from mercator_design.tree.space.grammar import (
     Branch,
-    can_never_hold,
     from_branches,
     limits_of,
     modules_of,
@@ -20,25 +29,14 @@ from mercator_design.tree.space.grammar import (
 from mercator_design.tree.space.simple import simple_trees
 from mercator_design.tree.tree import Tree, TreeNode, action, condition
 
-_ANOTHER_MOVE = 0.33
-"""Probability of one more move after each."""
-_MAX_TRIES = 1000
-
-
-def _always(module: Module, parameters: Sequence[float]) -> bool:  # noqa: ARG001 - for any module
-    return True
-
 
 class TreeStructure:
     """The structure of a flavour's trees, in terms of configurations of the grammar; arguments as of PfsmStructure."""
 
-    def __init__(self, flavour: str, usable: Usable = _always, can_fire: Usable = _always) -> None:
+    def __init__(self, flavour: str, usable: Usable = always, can_fire: Usable = always) -> None:
         self._flavour = flavour
         self._usable = usable
-        self._can_fire = can_fire
-        known = modules_of(flavour)[1].values()
-        firing = {one.module.name for one in kinds_of(known) if can_fire(one.module, (1.0, one.label))}
-        self._conditions = [module for module in known if module.name in firing]
+        self._conditions, self._dead = firing(modules_of(flavour)[1].values(), can_fire)
 
     def simple(self, draws: Draws) -> list[dict[str, Value]]:
         """The configurations of simple trees, in random order."""
@@ -54,7 +52,7 @@ class TreeStructure:
         return self._configuration(branches.moved())
 
     def _configuration(self, branches: Sequence[Branch]) -> dict[str, Value]:
-        return from_branches(_canonical(branches, self._flavour, self._can_fire), self._flavour)
+        return from_branches(_canonical(branches, self._flavour, self._dead), self._flavour)
 
 
 def canonical(tree: Tree) -> Tree:
@@ -62,27 +60,25 @@ def canonical(tree: Tree) -> Tree:
     branches = shape_of(tree)
     if branches is None:
         return tree
-    return replace(tree, root=tree_of(_canonical(branches, tree.flavour, _always), tree.flavour).root)
+    return replace(tree, root=tree_of(_canonical(branches, tree.flavour, ()), tree.flavour).root)
 
 
-def _canonical(branches: Sequence[Branch], flavour: str, can_fire: Usable) -> list[Branch]:
+def _canonical(branches: Sequence[Branch], flavour: str, dead: Collection[tuple[str, float]]) -> list[Branch]:
     """The branches with their conditions sorted, as their order has no effect, without those that never hold.
 
     A branch that never ends has the one condition that stands for all such, and is the last: none behind it is reached.
     """
     found = []
     for branch in branches:
-        firing = tuple(
-            sorted(
-                node
-                for node in branch.conditions
-                if _may_hold(node) and can_fire(node.module, (1.0, label_of(node.module, node.parameters)))
-            )
-        )
-        if not firing:
+        holding = [
+            node
+            for node in branch.conditions
+            if _may_hold(node) and (node.name, label_of(node.module, node.parameters)) not in dead
+        ]
+        if not holding:
             found.append(Branch((never_of(flavour) or min(branch.conditions),), branch.action))
             break
-        found.append(Branch(firing, branch.action))
+        found.append(Branch(tuple(sorted(holding)), branch.action))
     return found
 
 
@@ -105,13 +101,6 @@ class _Branches:
 
     def moved(self) -> list[Branch]:
         """The branches after a move, or with decreasing probability more."""
-        self.move()
-        while self._draws.random() < _ANOTHER_MOVE:
-            self.move()
-        return self.branches
-
-    def move(self) -> None:
-        """Make one move, if one is possible: a flavour may have a single tree."""
         often = (self.tune,) * 4 + (self.change_action, self.change_condition) * 2
         moves = (
             *often,
@@ -122,9 +111,8 @@ class _Branches:
             self.drop_branch,
             self.swap_branches,
         )
-        for _ in range(_MAX_TRIES):
-            if any_of(moves, self._draws)():
-                return
+        make_moves(moves, self._draws)
+        return self.branches
 
     def tune(self) -> bool:
         """Another value of a parameter."""
@@ -231,4 +219,4 @@ class _Branches:
 
 
 def _may_hold(node: TreeNode) -> bool:
-    return not can_never_hold(node.module) or node.parameters[0] > 0.0
+    return not node.module.has_beta or node.parameters[0] > 0.0

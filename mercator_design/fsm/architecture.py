@@ -40,6 +40,8 @@ PFSM = Architecture(
     structure=PfsmStructure,
     simplest=_simplest,
     names=state_names,
+    active=lambda pfsm: range(len(pfsm.states)),
+    activity=lambda *_: (),
     explanation=explanation,
     reason=_condition,
 )

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from mercator_design.modules.drawing import Draws, Usable
 from mercator_design.modules.grammar import GrammarParameter, Value
 from mercator_design.modules.module import KnownSwarm, Module
-from mercator_design.modules.perception import Row
+from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import Readings, ReferenceModel
 
 Warn = Callable[[str], None]
@@ -105,7 +105,12 @@ class Architecture:
     simplest: Callable[[str], Any]
     """Control software of a flavour that is quick to run, to compile its kernel."""
     names: Callable[[Any], tuple[str, ...]]
-    """The usual names of the parts that can be active."""
+    """The usual names of the parts, of which some can be active."""
+    active: Callable[[Any], Sequence[int]]
+    """The parts that can be active, by their numbers, in the order of their colours."""
+    activity: Callable[[Any, MutableRow], Sequence[int]]
+    """`activity(software, memory)`: of each node of its picture, what it did in this cycle, 0 to 255; none if a state
+    says it all."""
     explanation: Callable[[Any, Sequence[str], KnownSwarm], str]
     """`explanation(software, names, swarm)`: what robots with control software do, in sentences."""
     reason: Callable[[Any, ReferenceModel, int, Readings, Sequence[float]], str]

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 from mercator_design.modules.architecture import Architecture
 from mercator_design.modules.module import KnownSwarm
+from mercator_design.modules.perception import MutableRow
 from mercator_design.network import words
 from mercator_design.network.control import network_cycle
 from mercator_design.network.grammar import from_network, parameters_of, to_network
-from mercator_design.network.network import Network, NetworkProgram
+from mercator_design.network.network import FIRST, Network, NetworkProgram
 from mercator_design.network.text import parse, to_text
 
 
@@ -18,6 +19,12 @@ def _simplest(flavour: str) -> Network:
 
 def _explanation(network: Network, names: Sequence[str], swarm: KnownSwarm) -> str:  # noqa: ARG001 - one part
     return words.explanation(network)
+
+
+def _activations(network: Network, memory: MutableRow) -> list[int]:
+    """Inputs, then neurons in the order of the genome, in hundredths; an input above 1 is 1."""
+    n = len(network.all_nodes)
+    return [round(100.0 * min(max(memory[FIRST + k], 0.0), 1.0)) for k in range(n)]
 
 
 NETWORK = Architecture(
@@ -34,6 +41,8 @@ NETWORK = Architecture(
     structure=lambda *_: None,
     simplest=_simplest,
     names=lambda _: ("network",),
+    active=lambda _: (0,),
+    activity=_activations,
     explanation=_explanation,
     reason=lambda *_: "",
 )

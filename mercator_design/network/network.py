@@ -117,6 +117,12 @@ class Network:
         return dict(zip(numbers, OUTPUTS, strict=True))
 
     @property
+    def order(self) -> tuple[int, ...]:
+        """The numbers of all nodes as in the tables: inputs, then neurons in the order of the genome."""
+        inputs = self.inputs
+        return (*inputs, *(node.number for node in self.all_nodes if node.number not in inputs))
+
+    @property
     def hidden(self) -> tuple[int, ...]:
         """The numbers of the hidden nodes."""
         return tuple(node.number for node in self.all_nodes if node.kind == "hidden")
@@ -164,9 +170,8 @@ class Network:
 
     def tables(self) -> NetworkProgram:
         """As `program`, for inputs of any version."""
-        inputs = self.inputs
-        neurons = [node.number for node in self.all_nodes if node.number not in inputs]
-        number = {node: k for k, node in enumerate([*inputs, *neurons])}
+        neurons = self.order[len(self.inputs) :]
+        number = {node: k for k, node in enumerate(self.order)}
         links = {neuron: [gene for gene in self.enabled if gene.target == neuron] for neuron in neurons}
         starts = [0]
         for neuron in neurons:

@@ -18,6 +18,8 @@ from mercator_design.modules.reference import LED_COLOURS
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.machines.picture import software_svg
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.software.architectures import DARK, architecture_of, part_colours
+from mercator_design.tree.tree import Tree
 
 Replay: TypeAlias = dict[str, Any]
 """An experiment as the viewer reads it, in JSON: `header` and `data`."""
@@ -66,7 +68,6 @@ def replay_of(shown: ShownExperiment) -> Replay:
     """The replay of an experiment."""
     arrays = _PackedArrays()
     trace, perceived, model = shown.trace, shown.perceived, shown.robot_model
-    pfsms = range(len(shown.pfsms))
     header = {
         "title": shown.title,
         "subtitle": shown.subtitle,
@@ -81,15 +82,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "arena": _arena(shown),
         "floor": _floor(trace),
         "zones": _zone_names(trace),
-        "colours": [hex_of(*colour) for colour in STATE_COLOURS],
-        "machines": [
-            {
-                "states": shown.state_names(k),
-                "diagram": software_svg(shown.pfsms[k], narrow=True),
-                "sets": sorted(outputs_of(shown.pfsms[k])),
-            }
-            for k in pfsms
-        ],
+        "machines": [_machine(shown, k) for k in range(len(shown.pfsms))],
         "ledColours": [{"name": name, "colour": hex_of(*colour)} for name, colour in LED_COLOURS.items()],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),
@@ -101,6 +94,9 @@ def replay_of(shown: ShownExperiment) -> Replay:
             arrays.add(name, np.maximum(values, 0).T)
     if shown.fired is not None:
         arrays.add("fired", shown.fired.T)
+    if shown.activity is not None:
+        header["activityNodes"] = shown.activity.shape[2]
+        arrays.add("activity", shown.activity.swapaxes(0, 1).reshape(trace.robots, -1))
     if perceived.neighbours is not None:
         arrays.add("neighbours", perceived.neighbours.T)
     if perceived.seen is not None:
@@ -110,6 +106,21 @@ def replay_of(shown: ShownExperiment) -> Replay:
     if perceived.proximity is not None:
         header["proximity"] = _add_proximity(arrays, perceived.proximity, model)
     return {"header": {**header, "layout": arrays.layout}, "data": arrays.text()}
+
+
+def _machine(shown: ShownExperiment, k: int) -> dict[str, Any]:
+    """Control software, by its place in `pfsms`."""
+    software = shown.pfsms[k]
+    architecture = architecture_of(software.flavour)
+    return {
+        "architecture": architecture.name,
+        "noun": architecture.noun,
+        "states": shown.state_names(k),
+        "colours": [None if one == DARK else hex_of(*STATE_COLOURS[one]) for one in part_colours(software)],
+        "parents": list(software.links[0]) if isinstance(software, Tree) else [],
+        "diagram": software_svg(software, narrow=True),
+        "sets": sorted(outputs_of(software)),
+    }
 
 
 def _add_poses(arrays: _PackedArrays, trace: Trace) -> dict[str, Any]:

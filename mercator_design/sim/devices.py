@@ -77,6 +77,7 @@ class Recording:
     noise_keys: Keys  # (robots,)
     control_period: float  # [s]
     sets: frozenset[str] = frozenset()  # the outputs that modules of the control software set
+    part_colours: tuple[int, ...] = ()  # of the control software: of each part the number of its colour; -1: dark
 
     def __repr__(self) -> str:
         cycles, robots = self.history.states.shape
@@ -178,7 +179,8 @@ def leds(recording: Recording, lamps: Leds, cycles: Numbers) -> Floats:
     if "led_colour" in recording.sets:
         shown = np.array([*LED_COLOURS.values()], dtype=float)[np.maximum(recording.history.led_colours[cycles], 0)]
     else:
-        shown = np.array(lamps.colors, dtype=float)[recording.history.states[cycles]]
+        colours = np.array([*lamps.colors, (0, 0, 0)], dtype=float)  # -1 is the last
+        shown = colours[np.array(recording.part_colours)[recording.history.states[cycles]]]
     return np.repeat(shown[:, :, np.newaxis], len(lamps.positions), axis=2)
 
 

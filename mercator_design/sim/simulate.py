@@ -29,7 +29,7 @@ from mercator_design.sim.kernels.swarm import History, Swarm, controlled, new_hi
 from mercator_design.sim.referee import referee_experiment
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.world import Instance, World
-from mercator_design.software.architectures import architecture_of
+from mercator_design.software.architectures import architecture_of, part_colours
 
 T = TypeVar("T", bound=Any)
 
@@ -59,6 +59,7 @@ class Tables(NamedTuple):
     draws: int  # that it makes in a cycle
     reads: frozenset[str]  # the senses
     sets: frozenset[str]  # the outputs
+    part_colours: tuple[int, ...]
     flavour: Flavour
     kernels: Mapping[Callable[..., Any], str]  # of its modules, each with what it is
 
@@ -97,6 +98,7 @@ class PreparedExperiment:
             noise_keys=instance.swarm.noise_keys,
             control_period=mission.control_period,
             sets=self.tables.sets,
+            part_colours=self.tables.part_colours,
         )
         trace = Trace(
             poses=history.poses,
@@ -261,7 +263,16 @@ def tables_of(software: Software) -> Tables:
     program, flavour = software.program(), flavour_of(software.flavour)
     kernels = {one.module.call: f"{one.module.kind} {one.module.name}" for _, one in software.nodes}
     sets = outputs_of(software)
-    return Tables(_arrays(program), program.memory, software.draws, software.reads, sets, flavour, kernels)
+    return Tables(
+        program=_arrays(program),
+        memory=program.memory,
+        draws=software.draws,
+        reads=software.reads,
+        sets=sets,
+        part_colours=part_colours(software),
+        flavour=flavour,
+        kernels=kernels,
+    )
 
 
 def _arrays(table: T) -> T:

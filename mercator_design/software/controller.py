@@ -26,6 +26,11 @@ class Controller:
         """Number of the active part: of a PFSM the active state."""
         return int(self._memory[ACTIVE])
 
+    @property
+    def activity(self) -> tuple[int, ...]:
+        """What each node of its picture did in the latest cycle, see `Architecture.activity`."""
+        return (*architecture_of(self.software.flavour).activity(self.software, self._memory),)
+
     def step(self, readings: Readings, draws: Sequence[float]) -> Actions:
         """One control cycle, given what the robot perceives and `draws` uniform draws in [0, 1)."""
         control(self._model, self._program, readings, self._memory, draws, self._actions)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from mercator_design.modules.architecture import Architecture
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import KnownSwarm
+from mercator_design.modules.perception import MutableRow
 from mercator_design.modules.reference import Readings, ReferenceModel
-from mercator_design.tree.control import ticked_from, tree_cycle
+from mercator_design.tree.control import STATUSES, ticked_from, tree_cycle
 from mercator_design.tree.space.grammar import Branch, from_tree, modules_of, parameters_of, to_tree, tree_of
 from mercator_design.tree.space.structure import TreeStructure
 from mercator_design.tree.text import parse, to_text
@@ -42,6 +43,16 @@ def node_names(tree: Tree) -> tuple[str, ...]:
     return tuple(found)
 
 
+def acting_nodes(tree: Tree) -> tuple[int, ...]:
+    """The numbers of the actions, in preorder."""
+    return tuple(k for k, (_, node) in enumerate(tree.preorder) if node.kind == "action")
+
+
+def _statuses(tree: Tree, memory: MutableRow) -> list[int]:
+    """The status of each node in preorder, as control.py numbers them."""
+    return [int(memory[STATUSES + k]) for k in range(tree.draws - 1)]
+
+
 def _explanation(tree: Tree, names: Sequence[str], swarm: KnownSwarm) -> str:  # noqa: ARG001 - nodes have identifiers
     return explanation(tree, swarm)
 
@@ -71,6 +82,8 @@ TREE = Architecture(
     structure=TreeStructure,
     simplest=_simplest,
     names=node_names,
+    active=acting_nodes,
+    activity=_statuses,
     explanation=_explanation,
     reason=_reason,
 )

@@ -13,7 +13,7 @@ import mercator_design as md
 from mercator_design.errors import MercatorError
 from mercator_design.show.pictures.figures import house_style
 from mercator_design.show.pictures.film import Film, Stage, save_still
-from mercator_design.show.pictures.plots import KINDS, plots, save_plots
+from mercator_design.show.pictures.plots import KINDS, plots, save_plots, usual_kinds
 from mercator_design.show.pictures.scenery import limits
 from tests.tiers import some
 
@@ -148,7 +148,7 @@ def test_swarm_without_an_arena(shown, tmp_path):
 
 def test_plots_have_units_legends_and_the_command(shown):
     with house_style():
-        figure = plots([shown, shown], [*KINDS], caption=CAPTION)
+        figure = plots([shown, shown], usual_kinds([shown]), caption=CAPTION)
     axes = figure.axes
     labels = {(one.get_xlabel(), one.get_ylabel()) for one in axes}
     assert labels == {("x [m]", "y [m]"), ("time [s]", "robot"), ("time [s]", "distance [m]"), ("time [s]", "score")}

@@ -1,6 +1,6 @@
 """An experiment to be shown, whether it was simulated, read from a file or recorded by robots."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -9,21 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Numbers
+from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import MissionError, SimulationError
 from mercator_design.fsm.control import transition_taken
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
-from mercator_design.modules.architecture import Software
+from mercator_design.modules.architecture import Software, outputs_of
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
-from mercator_design.software.architectures import part_names
+from mercator_design.software.architectures import DARK, architecture_of, part_colours, part_names
+from mercator_design.software.controller import Controller
 
 MAX_READINGS = 3_000_000
-"""Proximity readings that are shown; a longer experiment is shown without them."""
+"""Proximity readings, or what nodes did, that are shown; a longer experiment is shown without them."""
 
 MAX_CELLS = 5_000_000
 """Cycles of all robots together: 20 robots for 7 hours. More would fill the memory."""
@@ -66,6 +68,8 @@ class ShownExperiment:
         named_states: The names of each PFSM's states; empty: those of their behaviours.
         names: Names of the robots; if empty, their numbers are shown.
         fired: (cycles, robots) transition taken in a cycle, by its number in the state from 1, or 0; None: not known.
+        activity: (cycles, robots, nodes) what each node of a tree or network did in a cycle, see
+            `Architecture.activity`, with zeros behind those of the smaller ones; None: not known.
         perceived: What the robots perceived.
         recording: The recording, if the experiment was simulated.
     """
@@ -79,6 +83,7 @@ class ShownExperiment:
     named_states: tuple[tuple[str, ...], ...] = ()
     names: tuple[str, ...] = ()
     fired: NDArray[np.uint8] | None = None
+    activity: NDArray[np.uint8] | None = None
     perceived: Perceived = field(default_factory=Perceived)
     recording: Recording | None = None
 
@@ -114,6 +119,7 @@ class ShownExperiment:
             pfsm_of=(0,) * outcome.trace.robots,
             named_states=(states,) if states else (),
             fired=_fired(pfsm, recording),
+            activity=_activity(pfsm, recording),
             perceived=_perceived(recording),
             recording=recording,
         )
@@ -128,14 +134,49 @@ class ShownExperiment:
     def state_names(self, pfsm: int) -> list[str]:
         """The names of the states of a PFSM, by its place in `pfsms`."""
         names = self.named_states[pfsm] if self.named_states else part_names(self.pfsms[pfsm])
+        if not isinstance(self.pfsms[pfsm], Pfsm):  # their pictures have no numbers
+            return [*names]
         return [f"{k} {name}" for k, name in enumerate(names)]
 
     @property
-    def legend(self) -> list[str]:
-        """The names of the states by colour; the states of different PFSMs have only their numbers in common."""
+    def legend(self) -> list[tuple[int, str]]:
+        """The names of the states that can be active, with their colours by number in STATE_COLOURS.
+
+        The states of different PFSMs have only their numbers in common.
+        """
         if len(self.pfsms) == 1:
-            return self.state_names(0)
-        return [f"state {k}" for k in range(max((len(part_names(pfsm)) for pfsm in self.pfsms), default=0))]
+            named = zip(part_colours(self.pfsms[0]), self.state_names(0), strict=True)
+            return [(colour, name) for colour, name in named if colour != DARK]
+        n = max((len(architecture_of(one.flavour).active(one)) for one in self.pfsms), default=0)
+        return [(k % len(STATE_COLOURS), f"state {k}") for k in range(n)]
+
+    def colours_at(self, cycle: int) -> NDArray[np.int8]:
+        """The colour of each robot's state after a cycle, by number in STATE_COLOURS; DARK: none; 0 is the start."""
+        colours: NDArray[np.int8] = self._colours[cycle]
+        return colours
+
+    @cached_property
+    def _colours(self) -> NDArray[np.int8]:
+        """(cycles + 1, robots)."""
+        states = np.vstack([np.zeros((1, self.trace.robots), dtype=np.int8), self.trace.states])
+        colours = np.full(states.shape, DARK, dtype=np.int8)
+        for robot, k in enumerate(self.pfsm_of):
+            colours[:, robot] = np.array(part_colours(self.pfsms[k]))[states[:, robot]]
+        return colours
+
+    @cached_property
+    def led_colours(self) -> NDArray[np.int8] | None:
+        """What the LEDs show after each cycle (cycles + 1, robots), by number in LED_COLOURS; row 0 is the start.
+
+        -1 of robots whose modules do not set them; None if none of the robots' do.
+        """
+        known = self.trace.led_colours
+        sets = ["led_colour" in outputs_of(self.pfsms[k]) for k in self.pfsm_of]
+        if known is None or not any(sets):
+            return None
+        shown = np.vstack([np.zeros((1, self.trace.robots), dtype=np.int8), np.maximum(known, 0)])
+        shown[:, ~np.array(sets)] = -1
+        return shown
 
     @cached_property
     def score(self) -> float | None:
@@ -203,6 +244,65 @@ def _fired(pfsm: Software, recording: Recording) -> NDArray[np.uint8]:
         state = int(before[cycle, robot])
         fired[cycle, robot] = number_fired(pfsm, model, state, readings[cycle, robot], draws[cycle, robot])
     return fired
+
+
+def _activity(software: Software, recording: Recording) -> NDArray[np.uint8] | None:
+    """What the nodes did; see `ShownExperiment`."""
+    states, readings, draws = recording.history.states, recording.recorded("readings"), recording.recorded("draws")
+    model, robots = recording.robot_model.reference_model, states.shape[1]
+    found = [
+        activity_of(software, model, *(one[:, k].tolist() for one in (readings, draws, states)), robots=robots)
+        for k in range(robots)
+    ]
+    return activities(found)
+
+
+def activity_of(
+    software: Software,
+    model: ReferenceModel,
+    readings: Sequence[Sequence[float]],
+    draws: Sequence[Sequence[float]],
+    states: Sequence[int],
+    *,
+    robots: int,
+) -> NDArray[np.uint8] | None:
+    """What the nodes of a robot's control software did (cycles, nodes), run again from its start.
+
+    Args:
+        software: The control software.
+        model: The reference model of the robot.
+        readings: Of each cycle, the fields of Readings.
+        draws: Of each cycle.
+        states: The active part after each cycle.
+        robots: How many robots are shown.
+
+    Returns:
+        None if states say it all, if it would be too much for so many robots, or if other parts become active.
+    """
+    controller = Controller(software, model)
+    n = len(controller.activity)
+    if not 0 < n * len(states) * robots <= MAX_READINGS:
+        return None
+    found = np.zeros((len(states), n), dtype=np.uint8)
+    for k, (row, drawn, state) in enumerate(zip(readings, draws, states, strict=True)):
+        controller.step(Readings(*row), drawn)
+        if controller.state != state:
+            return None
+        found[k] = controller.activity
+    return found
+
+
+def activities(found: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8] | None:
+    """What the nodes of several robots did, each (cycles, nodes), as `ShownExperiment.activity`."""
+    known = [one for one in found if one is not None]
+    n = max((one.shape[1] for one in known), default=0)
+    if not known:
+        return None
+    joined = np.zeros((len(known[0]), len(found), n), dtype=np.uint8)
+    for robot, one in enumerate(found):
+        if one is not None:
+            joined[:, robot, : one.shape[1]] = one
+    return joined
 
 
 def number_fired(

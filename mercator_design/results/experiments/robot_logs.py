@@ -19,6 +19,8 @@ from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.results.experiments.experiment import (
     ShownExperiment,
+    activities,
+    activity_of,
     check_extent,
     number_fired,
     perceived_of,
@@ -59,6 +61,7 @@ class _RobotLog(NamedTuple):
     pfsm: Software
     period: float  # [s]
     cycles: list[_Cycle]
+    activity: NDArray[np.uint8] | None  # (cycles, nodes) see `activity_of`
 
 
 def read_logs(
@@ -85,7 +88,7 @@ def read_logs(
     """
     if starts and len(starts) != len(paths):
         raise RobotError(f"expected a starting pose for each of {len(paths)} logs, found {len(starts)}")
-    logs = [_read_log(path, warn) for path in paths]
+    logs = [_read_log(path, warn, robots=len(paths)) for path in paths]
     period = logs[0].period
     begin = min(log.cycles[0].clock for log in logs)
     title = " ".join(path.name for path in paths)
@@ -124,6 +127,9 @@ def read_logs(
         pfsm_of=tuple(pfsms.index(log.pfsm) for log in logs),
         names=tuple(log.robot for log in logs),
         fired=_fired(latest, rows),
+        activity=activities(
+            [None if log.activity is None else log.activity[row] for log, row in zip(logs, rows, strict=True)]
+        ),
         perceived=perceived_of(
             np.array([[cycle.readings for cycle in row] for row in latest]).swapaxes(0, 1),
             seen=robots_at(poses[1:], places, _NEAR),
@@ -131,7 +137,7 @@ def read_logs(
     )
 
 
-def _read_log(path: Path, warn: Warn) -> _RobotLog:
+def _read_log(path: Path, warn: Warn, *, robots: int) -> _RobotLog:
     with closing(read(path)) as events, understanding(path):
         start = next(events)
         assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
@@ -143,6 +149,7 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
             warn(f"{path}: its clock was not compared with those of other robots")
         began = datetime.fromisoformat(start.time).timestamp() - (0.0 if clock is None else clock.ahead)
         cycles: list[_Cycle] = []
+        draws: list[tuple[float, ...]] = []
         event = None
         for event in events:
             if isinstance(event, CycleDone):
@@ -165,12 +172,15 @@ def _read_log(path: Path, warn: Warn) -> _RobotLog:
                     event.neighbours,
                 )
                 cycles.append(cycle)
+                draws.append(event.draws)
         if not isinstance(event, LogEnded):
             warn(f"{path}: {NO_END}")
+        readings, states = [cycle.readings for cycle in cycles], [cycle.state for cycle in cycles]
+        activity = activity_of(software, start.reference_model, readings, draws, states, robots=robots)
     if not cycles:
         raise RobotError(f"{path}: expected control cycles, found none")
     check_extent(path.name, len(cycles), 1, start.control_period)
-    return _RobotLog(start.robot, software, start.control_period, cycles)
+    return _RobotLog(start.robot, software, start.control_period, cycles, activity)
 
 
 def _odometry(event: CycleDone, before: Sequence[_Cycle]) -> Pose:

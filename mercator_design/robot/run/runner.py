@@ -22,6 +22,7 @@ from mercator_design.robot.run.joint import ImmediateStart
 from mercator_design.robot.run.senses import why_device_is_needed
 from mercator_design.robot.run.service import notify
 from mercator_design.software import Controller, text_of
+from mercator_design.software.architectures import DARK, part_colours
 from mercator_design.software.digest import control_digest
 from mercator_design.software.files import FsmFile
 from mercator_design.software.needed import entries_of
@@ -161,4 +162,5 @@ def _lamps(what: Run, state: int, actions: Actions) -> Levels:
     """The colour of the lamps: what modules set; if none of the control software sets them, that of the state."""
     if "led_colour" in outputs_of(what.file.software):
         return tuple(LED_COLOURS.values())[max(0, led_colour_of(actions))]
-    return STATE_COLOURS[state % len(STATE_COLOURS)]
+    number = part_colours(what.file.software)[state]
+    return LED_COLOURS["off"] if number == DARK else STATE_COLOURS[number]

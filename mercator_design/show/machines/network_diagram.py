@@ -45,6 +45,8 @@ def network_svg(
 ) -> str:
     """The picture of a network as SVG text; weights are shown where the pointer rests on a line.
 
+    A node has `data-node`, its place in the tables of the network: the viewer fills it as far as it is active.
+
     Args:
         network: The network to draw; links that are disabled are left out.
         names: Of its parts, which have none.
@@ -54,8 +56,8 @@ def network_svg(
     places, named = _places(network, 0.5 * _COLUMN if narrow else _COLUMN), _names(network)
     genes = sorted(network.enabled, key=lambda gene: abs(gene.weight))  # the strongest are on top
     heaviest = max((abs(gene.weight) for gene in genes), default=1.0) or 1.0
-    legend = f"Solid blue: positive, dashed orange: negative; the widest line is a weight of {heaviest:.3g}"
-    below = [legend, *caption]
+    legend = ["Solid blue: positive, dashed orange: negative;", f"the widest line is a weight of {heaviest:.3g}"]
+    below = [*(legend if narrow else [" ".join(legend)]), *caption]
     width = max(max(place.x for place in places.values()) + _END, *(6.2 * len(line) + 2 * _PAD for line in below))
     bottom = max(place.y for place in places.values()) + _ROW
     height = bottom + _LINE * len(below) + _PAD
@@ -66,10 +68,14 @@ def network_svg(
         f'<rect class="back" fill="#fff" width="{width:.1f}" height="{height:.1f}"/>',
     ]
     lines += [_line_svg(gene, places, named, heaviest) for gene in genes]
+    order = {number: k for k, number in enumerate(network.order)}
     for node in network.all_nodes:
         x, y, layer = places[node.number]
+        output = f' data-output="{network.outputs[node.number]}"' if node.kind == "output" else ""
+        place = f'data-node="{order[node.number]}" data-name="{escaped(named[node.number])}"{output}'
         lines.append(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"><title>{escaped(named[node.number])}</title></circle>'
+            f'<circle {place} cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}">'
+            f"<title>{escaped(named[node.number])}</title></circle>"
         )
         if node.kind == "hidden":
             lines.append(f'<text class="faint" text-anchor="middle" x="{x:.1f}" y="{y - 14:.1f}">{node.number}</text>')

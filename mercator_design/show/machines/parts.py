@@ -16,6 +16,8 @@ _STYLE = (
     ".pfsm .line{fill:none;stroke-width:1.6}.pfsm .edge{fill-opacity:.9;stroke-opacity:.45}"
     ".pfsm .lit{fill:none;stroke-width:0}.pfsm .name{font-weight:600}.pfsm .faint{opacity:.75}"
     ".pfsm .active .box{stroke-width:4}.pfsm .active .lit{stroke-width:3.5}.pfsm .active text{font-weight:700}"
+    ".pfsm .branch .box{stroke-width:4}.pfsm .branch .lit{stroke-width:3.5}.pfsm .idle{opacity:.45}"
+    ".pfsm .mark{text-anchor:end;font-weight:700}"
 )
 
 

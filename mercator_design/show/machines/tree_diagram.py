@@ -10,6 +10,7 @@ from mercator_design.config.colours import STATE_COLOURS, hex_of
 from mercator_design.modules.words import parameters_words
 from mercator_design.show.machines.layout import Extent, size_of
 from mercator_design.show.machines.parts import INKS, PAD, box, picture
+from mercator_design.tree.architecture import acting_nodes
 from mercator_design.tree.tree import Tree, TreeNode, children_of
 
 SYMBOLS = {"selector": "?", "selector*": "?*", "sequence": "→", "sequence*": "→*", "negation": "¬"}
@@ -38,13 +39,13 @@ def tree_svg(
     """The picture of a tree as SVG text.
 
     The elements of a node and of the line to it have `data-state`, its number in preorder: the viewer highlights the
-    acting one.
+    branch to the acting one, and fills in the outline's texts of class `mark`.
 
     Args:
         tree: The tree to draw.
         names: The names of its nodes, which the picture does not show.
         caption: Lines below the picture.
-        narrow: Whether it is an outline, with a node on each row.
+        narrow: Whether it is an outline, with a node on each row, for the viewer.
     """
     nodes = [node for _, node in tree.preorder]
     texts = [node_lines(node) for node in nodes]
@@ -59,7 +60,8 @@ def tree_svg(
         body.append(f'<path class="line" stroke="{_GRAY}" d="{path}"/><g data-state="{k}">{lit}</g>')
     for k, one in enumerate(placed.boxes):
         colour = hex_of(*STATE_COLOURS[acting[k]]) if k in acting else _GRAY
-        body += [f'<g data-state="{k}">', *box(one, texts[k], colour), "</g>"]
+        mark = f'<text class="mark" x="{one.x + one.width / 2 - 5:.1f}" y="{one.y - one.height / 2 + 9:.1f}"></text>'
+        body += [f'<g data-state="{k}">', *box(one, texts[k], colour), *([mark] if narrow else []), "</g>"]
     return picture(_title(nodes), _frame(placed.boxes), body, caption)
 
 
@@ -74,11 +76,6 @@ def node_lines(node: TreeNode) -> list[str]:
 def success_words(node: TreeNode) -> str:
     """The probability that an action succeeds instead of acting; empty if it never does."""
     return f"p {node.p:g} per cycle" if node.p else ""
-
-
-def acting_nodes(tree: Tree) -> list[int]:
-    """The numbers of the actions, in preorder."""
-    return [k for k, (_, node) in enumerate(tree.preorder) if node.kind == "action"]
 
 
 def _title(nodes: Sequence[TreeNode]) -> str:

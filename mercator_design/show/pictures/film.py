@@ -25,17 +25,18 @@ from mercator_design.missions.dynamics import change_floor
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.reference import LED_COLOURS
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.show.pictures.scenery import (
     OUTSIDE,
     PIXELS,
     arena_grid,
-    colours_of,
     covered,
     draw_arena,
     draw_floor,
     draw_light,
+    led_colour,
     limits,
     name_zones,
     placed,
@@ -53,7 +54,11 @@ _RATES = {".mp4": 25.0, ".gif": 12.5}  # frames a second
 _DPI = 108
 _SIZE = 5.2  # of a scene [inches]
 _TRAIL = 80  # cycles
+_LEGEND, _SWATCH = 84, 6  # letters in a row of the legend, and those that would fill the place of a colour
 _ARROW = ((0.75, 0.0), (-0.35, 0.42), (-0.12, 0.0), (-0.35, -0.42))  # shares of the body's radius
+_TURNS = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+_LED = np.column_stack([0.22 * np.cos(_TURNS) - 0.6, 0.22 * np.sin(_TURNS)])
+"""The disc that has the colour of the LEDs, in the same shares."""
 
 Frame: TypeAlias = NDArray[np.uint8]
 """(rows, columns, 3) red, green and blue."""
@@ -167,6 +172,7 @@ class _Scene:
         self._floor = None
         body = shown.robot_model.body
         self._body, self._arrow = body.outline(), np.array(_ARROW) * body.corner
+        self._led = _LED * body.corner
         mission = shown.mission
         if mission is not None:
             draw_arena(axes, mission)
@@ -179,14 +185,15 @@ class _Scene:
                 draw_light(axes, light, low, high)
         self._bodies = PolyCollection([], edgecolors="black", linewidths=0.6, zorder=10)
         self._arrows = PolyCollection([], facecolors="white", edgecolors="black", linewidths=0.4, zorder=11)
+        self._leds = PolyCollection([], edgecolors="black", linewidths=0.4, zorder=12)
         self._trails = LineCollection([], linewidths=1.0, zorder=9)
-        for collection in (self._trails, self._bodies, self._arrows):
+        for collection in (self._trails, self._bodies, self._arrows, self._leds):
             axes.add_collection(collection, autolim=False)
         timeline = figure.add_axes((left + 0.1 * width, 0.12, 0.86 * width, 0.075))
         self._cursor = _draw_timeline(timeline, shown)
         _draw_legend(figure, shown, left + 0.53 * width)
         floor: list[Artist] = [self._floor.image] if self._floor is not None else []
-        self.moving: list[Artist] = [*floor, self._trails, self._bodies, self._arrows, self._cursor]
+        self.moving: list[Artist] = [*floor, self._trails, self._bodies, self._arrows, self._leds, self._cursor]
 
     def move(self, time: float) -> None:
         """Show a time [s]."""
@@ -195,11 +202,14 @@ class _Scene:
         if self._floor is not None:
             self._floor.move(math.ceil(cycle))
         poses = _poses_at(trace, cycle)
-        states = trace.states[max(math.ceil(cycle) - 1, 0)] if cycle > 0.0 else np.zeros(trace.robots, dtype=np.int8)
-        colours = colours_of(self._shown, states)
+        colours = [*map(state_colour, self._shown.colours_at(math.ceil(cycle)).tolist())]
         self._bodies.set_verts(list(placed(self._body, poses)))
         self._bodies.set_facecolor(colours)
         self._arrows.set_verts(list(placed(self._arrow, poses)))
+        if self._shown.led_colours is not None:
+            leds = self._shown.led_colours[math.ceil(cycle)]
+            self._leds.set_verts(list(placed(self._led, poses[leds >= 0])))
+            self._leds.set_facecolor([*map(led_colour, leds[leds >= 0].tolist())])
         first = max(math.ceil(cycle) - _TRAIL, 0)
         tracks = trace.poses[first : math.floor(cycle) + 1 : 2, :, :2]
         self._trails.set_segments(list(np.concatenate([tracks, poses[np.newaxis, :, :2]]).swapaxes(0, 1)))
@@ -263,13 +273,19 @@ def _draw_timeline(axes: Axes, shown: ShownExperiment) -> Line2D:
 
 
 def _draw_legend(figure: Figure, shown: ShownExperiment, middle: float) -> None:
-    """The states, by colour."""
-    handles = [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.legend)]
+    """The states and LEDs, by colour."""
+    handles: list[Patch | Line2D] = [Patch(color=state_colour(number), label=name) for number, name in shown.legend]
+    if shown.led_colours is not None:
+        handles.append(
+            Line2D([], [], marker="o", linewidth=0.0, color="white", markeredgecolor="black", label="LEDs, as set")
+        )
+    letters = sum(len(str(handle.get_label())) + _SWATCH for handle in handles)
+    n_rows = math.ceil(letters / _LEGEND)
     figure.legend(
         handles=handles,
         loc="lower center",
-        bbox_to_anchor=(middle, 0.025),
-        ncols=max(1, len(handles)),
+        bbox_to_anchor=(middle, 0.035),
+        ncols=max(1, math.ceil(len(handles) / max(1, n_rows))),
         frameon=False,
         fontsize=7.0,
         columnspacing=1.0,
@@ -280,12 +296,18 @@ def _draw_legend(figure: Figure, shown: ShownExperiment, middle: float) -> None:
 def _write_gif(path: Path, frames: Iterator[Frame], rate: float) -> None:
     from PIL import Image
 
-    first = Image.fromarray(next(frames)).quantize(255)
-    rest: Iterator[Image.Image] = (
-        Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in frames
+    begin = next(frames)
+    leds = [level for levels in LED_COLOURS.values() for level in levels]  # may come later only
+    n = 255 - len(LED_COLOURS)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette((Image.fromarray(begin).quantize(n).getpalette() or [])[: 3 * n] + leds)
+    pictures: Iterator[Image.Image] = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in itertools.chain([begin], frames)
     )
     with replacing(path) as file:
-        first.save(file, format="GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
+        duration = round(1000.0 / rate)
+        next(pictures).save(file, format="GIF", save_all=True, append_images=pictures, duration=duration, loop=0)
 
 
 def _mp4_writer() -> Callable[[Path, Iterator[Frame], float], None]:

@@ -1,4 +1,4 @@
-"""Plots of experiments: trajectories, presence, states, distances and the score over time."""
+"""Plots of experiments: trajectories, presence, states, LEDs, distances and the score over time."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -12,23 +12,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from mercator_design.arrays import Floats
+from mercator_design.config.colours import STATE_COLOURS
 from mercator_design.errors import excerpt, printable
+from mercator_design.modules.reference import LED_COLOURS
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.show.pictures.figures import draw_caption, house_style, save_figure
 from mercator_design.show.pictures.scenery import (
     OUTSIDE,
-    UNKNOWN,
-    colours_of,
     draw_arena,
     draw_floor,
+    led_colour,
     limits,
     name_zones,
     state_colour,
 )
-from mercator_design.software.architectures import part_names
+from mercator_design.software.architectures import DARK
 
 _COLUMN, _WIDTH, _LEFT = 4.9, 3.7, 0.6  # [inches] a column, the axes in it, and the space left of them
 _ABOVE, _BELOW = 0.3, 0.5  # [inches] the space for the legend, and for the axis
@@ -40,6 +42,7 @@ _HEIGHTS = {
     "trajectories": _WIDTH,
     "presence": _WIDTH,
     "states": 1.5,
+    "leds": 1.5,
     "distances": 1.3,
     "score": 1.1,
 }  # of axes [inches]
@@ -89,7 +92,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
     poses, n = shown.trace.poses, shown.trace.cycles
     kept = np.append(np.arange(0, n, math.ceil(shown.trace.states.size / _MAX_PIECES)), n)
     pieces = np.stack([poses[kept[:-1], :, :2], poses[kept[1:], :, :2]], axis=2).reshape(-1, 2, 2)
-    colours = colours_of(shown, shown.trace.states[kept[1:] - 1].reshape(-1))
+    colours = [state_colour(number) for cycle in kept[1:].tolist() for number in shown.colours_at(cycle).tolist()]
     axes.add_collection(LineCollection(list(pieces), colors=colours, linewidths=0.7, zorder=5), autolim=False)
     start, end = poses[0], poses[-1]
     axes.scatter(start[:, 0], start[:, 1], s=14.0, facecolors="white", edgecolors="black", linewidths=0.6, zorder=6)
@@ -98,7 +101,7 @@ def _trajectories(axes: Axes, shown: ShownExperiment) -> None:
         Line2D([], [], marker="o", color="white", markeredgecolor="black", markersize=4.0, label="start"),
         Line2D([], [], marker="o", color="black", linewidth=0.0, markersize=4.0, label="end"),
     ]
-    handles += [Line2D([], [], color=state_colour(k), label=name) for k, name in enumerate(shown.legend)]
+    handles += [Line2D([], [], color=state_colour(number), label=name) for number, name in shown.legend]
     _legend(axes, handles)
 
 
@@ -128,23 +131,40 @@ def _presence(axes: Axes, shown: ShownExperiment) -> None:
 
 def _states(axes: Axes, shown: ShownExperiment) -> None:
     """The state of each robot over time."""
+    numbers = np.array([shown.colours_at(cycle) for cycle in range(1, shown.trace.cycles + 1)])
+    _rows_of_robots(axes, shown, numbers, [state_colour(number) for number in range(DARK, len(STATE_COLOURS))])
+    _legend(axes, [Patch(color=state_colour(number), label=name) for number, name in shown.legend])
+
+
+def _leds(axes: Axes, shown: ShownExperiment) -> None:
+    """The colour of each robot's LEDs over time, white where modules do not set it."""
+    leds = shown.led_colours
+    if leds is None:
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, "no module sets the LEDs", ha="center", va="center", transform=axes.transAxes)
+        return
+    _rows_of_robots(axes, shown, leds[1:], ["white", *map(led_colour, range(len(LED_COLOURS)))], "robot, LEDs")
+    names = [*LED_COLOURS]
+    seen = [number for number in np.unique(leds).tolist() if number >= 0]
+    _legend(axes, [Patch(color=led_colour(number), label=names[number]) for number in seen], columns=len(names))
+
+
+def _rows_of_robots(
+    axes: Axes, shown: ShownExperiment, numbers: NDArray[np.int8], colours: Sequence[str], label: str = "robot"
+) -> None:
+    """Colours of robots (cycles, robots) over time, by number from -1."""
     trace = shown.trace
-    seconds = trace.cycles * trace.control_period
-    n = max((len(part_names(pfsm)) for pfsm in shown.pfsms), default=0)
-    colours = [state_colour(k) for k in range(n)] if n else [UNKNOWN]
-    states = trace.states.T if n else np.zeros_like(trace.states.T)
     axes.imshow(
-        states,
+        numbers.T,
         aspect="auto",
         interpolation="nearest",
         cmap=ListedColormap(colours),
-        vmin=-0.5,
-        vmax=len(colours) - 0.5,
-        extent=(0.0, seconds, trace.robots - 0.5, -0.5),
+        vmin=-1.5,
+        vmax=len(colours) - 1.5,
+        extent=(0.0, trace.cycles * trace.control_period, trace.robots - 0.5, -0.5),
     )
-    axes.set(xlabel="time [s]", ylabel="robot")
+    axes.set(xlabel="time [s]", ylabel=label)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _legend(axes, [Patch(color=state_colour(k), label=name) for k, name in enumerate(shown.legend)])
 
 
 def _distances(axes: Axes, shown: ShownExperiment) -> None:
@@ -192,10 +212,16 @@ KINDS: Mapping[str, Callable[[Axes, ShownExperiment], None]] = {
     "trajectories": _trajectories,
     "presence": _presence,
     "states": _states,
+    "leds": _leds,
     "distances": _distances,
     "score": _score,
 }
 """The kinds of plots, by name."""
+
+
+def usual_kinds(shown: Sequence[ShownExperiment]) -> list[str]:
+    """The kinds of plots that have something to show."""
+    return [kind for kind in KINDS if kind != "leds" or any(one.led_colours is not None for one in shown)]
 
 
 def _set_scene(axes: Axes, shown: ShownExperiment) -> tuple[Floats, Floats]:
@@ -204,13 +230,13 @@ def _set_scene(axes: Axes, shown: ShownExperiment) -> tuple[Floats, Floats]:
     return low, high
 
 
-def _legend(axes: Axes, handles: Sequence[Line2D | Patch] | None = None) -> None:
+def _legend(axes: Axes, handles: Sequence[Line2D | Patch] | None = None, columns: int = 6) -> None:
     if handles is None or handles:
         axes.legend(
             handles=handles,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=6,
+            ncols=columns,
             frameon=False,
             fontsize=6.5,
             columnspacing=1.0,

@@ -18,27 +18,30 @@ from mercator_design.missions.arena import Light
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.floor_kernels import colours_at
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.reference import LED_COLOURS
 from mercator_design.results.experiments.experiment import ShownExperiment
+from mercator_design.software.architectures import DARK
 
 PIXELS = 800
 """Number of the floor's pixels along its longer side."""
 OUTSIDE, WALL, OBSTACLE = "#e4e9ee", "#2b3440", "#8c6239"
 UNKNOWN = "#8a949c"
-"""Colour of robots whose control software is not known."""
+"""Colour of robots whose control software is not known, or no part of it active."""
 
+_LED_COLOURS = [hex_of(*levels) for levels in LED_COLOURS.values()]
 _FINER = 2  # points along a pixel's side
 _CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
 
 
-def state_colour(state: int) -> str:
-    """The colour of robots in a state."""
-    return hex_of(*STATE_COLOURS[state % len(STATE_COLOURS)])
+def state_colour(number: int) -> str:
+    """The colour of robots, by its number in STATE_COLOURS; that of DARK is UNKNOWN, too."""
+    return UNKNOWN if number == DARK else hex_of(*STATE_COLOURS[number])
 
 
-def colours_of(shown: ShownExperiment, states: NDArray[np.int8]) -> list[str]:
-    """The colours of robots in these states."""
-    return [state_colour(state) if shown.pfsms else UNKNOWN for state in states.tolist()]
+def led_colour(number: int) -> str:
+    """The colour of LEDs, by its number in LED_COLOURS."""
+    return _LED_COLOURS[number]
 
 
 def extent(mission: Mission) -> tuple[Floats, Floats]:

@@ -1,7 +1,7 @@
 /* The replay viewer: shows the trace of an experiment on a canvas. No libraries, no requests.
  *
  * `MercatorReplay.mount(element, replays)` shows one replay, or several side by side with one clock. A replay is what
- * `view/replay.py` writes: a header in JSON and packed arrays. Lengths are metres, angles radians, times control cycles.
+ * `show/replay.py` writes: a header in JSON and packed arrays. Lengths are metres, angles radians, times control cycles.
  */
 "use strict";
 
@@ -10,7 +10,9 @@ const MercatorReplay = (() => {
   const TRAIL = 100; // cycles
   const FOLLOWING = 2.5; // zoom while a robot is followed
   const NOTHING = 255; // in the proximity array: nothing in sight
-  const UNKNOWN = "#8a949c"; // colour of a robot whose control software is not known
+  const UNKNOWN = "#8a949c"; // colour of a robot whose control software is not known, or no part of it active
+  const MORE = 24; // height of what tells that there is more below [pixels]
+  const MARKS = ["", "", "✓", "✗"]; // of nodes that are not ticked, run, succeed, fail: the numbers of tree/control.py
   const KINDS = { disc: 0, rectangle: 1, halfPlane: 2, ring: 3, polygon: 4 }; // of missions/floor.py
 
   /* ---- Data ---- */
@@ -86,9 +88,15 @@ const MercatorReplay = (() => {
       return c < 0 ? 0 : this.arrays.state[robot * this.cycles + Math.min(c, this.cycles - 1)];
     }
 
-    /** The colour of a state of a robot. */
-    colour(state) {
-      return this.machines.length ? this.colours[state % this.colours.length] : UNKNOWN;
+    /** The colour of a robot in a state. */
+    colour(robot, state) {
+      const machine = this.machine(robot);
+      return (machine && machine.colours[state]) || UNKNOWN;
+    }
+
+    /** What each node of a robot's tree or network did in a cycle; null if it is not known. */
+    activity(robot, cycle) {
+      return cycle > 0 ? this.readings("activity", robot, cycle, this.activityNodes) : null;
     }
 
     /** What a robot has set in a cycle, by the name of the output; null if no module of its control software sets it. */
@@ -352,7 +360,7 @@ const MercatorReplay = (() => {
       context.rotate(heading);
       const isChosen = i === options.robot;
       context.lineWidth = (isChosen ? 3.5 : 1) * this.pixel * density();
-      area(context, replay.body.outline, replay.colour(state), isChosen ? css(this.canvas, "--selected") : "#000");
+      area(context, replay.body.outline, replay.colour(i, state), isChosen ? css(this.canvas, "--selected") : "#000");
       const r = replay.body.radius;
       context.lineWidth = this.pixel;
       area(context, [[0.75 * r, 0], [-0.35 * r, 0.42 * r], [-0.12 * r, 0], [-0.35 * r, -0.42 * r]], "#fff", "#000");
@@ -404,7 +412,7 @@ const MercatorReplay = (() => {
           const [x, y] = replay.pose(i, c);
           const [u, v] = replay.pose(i, Math.min(c + 2, cycle));
           context.globalAlpha = 0.15 + (0.75 * (c - begin)) / TRAIL;
-          context.strokeStyle = replay.colour(replay.state(i, c + 1));
+          context.strokeStyle = replay.colour(i, replay.state(i, c + 1));
           context.beginPath();
           context.moveTo(x, y);
           context.lineTo(u, v);
@@ -605,7 +613,7 @@ const MercatorReplay = (() => {
         let since = 0;
         for (let c = 1; c <= replay.cycles; c++) {
           if (c < replay.cycles && replay.state(i, c + 1) === replay.state(i, since + 1)) continue;
-          context.fillStyle = replay.colour(replay.state(i, since + 1));
+          context.fillStyle = replay.colour(i, replay.state(i, since + 1));
           const [a, b] = [(since / replay.cycles) * width, (c / replay.cycles) * width];
           context.fillRect(a, y, Math.max(b - a, 0.5), Math.max(row - (row > 3 * ratio ? ratio : 0), 0.5));
           since = c;
@@ -656,20 +664,22 @@ const MercatorReplay = (() => {
       );
       this.facts = make("dl", {});
       this.diagram = make("button", {
-        type: "button", class: "mr-diagram", title: "State machine: larger or smaller", "aria-expanded": "false",
+        type: "button", class: "mr-diagram", "aria-expanded": "false",
         on: { click: () => this.diagram.setAttribute("aria-expanded", String(this.panel.classList.toggle("mr-large"))) },
       });
-      this.panel.append(this.facts, this.diagram);
+      this.more = make("p", { class: "mr-more", text: "↓ more", hidden: true, "aria-hidden": "true" });
+      this.panel.append(this.facts, this.diagram, this.more);
+      this.panel.addEventListener("scroll", () => this.reveal(this.revealed));
       this.listen(canvas, timeline);
     }
 
     legend() {
       const { machines, names } = this.replay;
-      const lists = machines.map(({ states }, m) => {
+      const lists = machines.map(({ states, colours, architecture }, m) => {
         const robots = names.filter((_, robot) => this.replay.machineOf[robot] === m);
-        const items = states.map((name, k) => make("li", {}, make("i", { style: `background:${this.replay.colour(k)}` }), make("span", { text: name })));
+        const items = states.flatMap((name, k) => (colours[k] ? [make("li", {}, make("i", { style: `background:${colours[k]}` }), make("span", { text: name }))] : []));
         const whose = machines.length > 1 ? [make("li", { class: "mr-whose", text: `${robots.join(", ")}:` })] : [];
-        return make("ul", { class: "mr-legend", "aria-label": "States" }, ...whose, ...items);
+        return make("ul", { class: "mr-legend", "aria-label": architecture === "tree" ? "Actions" : "States" }, ...whose, ...items);
       });
       return make("div", {}, ...lists);
     }
@@ -680,6 +690,7 @@ const MercatorReplay = (() => {
       this.shownMachine = machine;
       this.diagram.replaceChildren();
       if (!machine) return;
+      this.diagram.title = `${machine.noun}: larger or smaller`;
       const parsed = new DOMParser().parseFromString(machine.diagram, "image/svg+xml");
       this.diagram.append(document.importNode(parsed.documentElement, true));
     }
@@ -762,10 +773,11 @@ const MercatorReplay = (() => {
       const [x, y, heading] = replay.pose(robot, cycle);
       const state = replay.state(robot, cycle);
       const machine = replay.machine(robot);
+      this.showMachine(machine);
       const degrees = ((((heading * 180) / Math.PI) % 360) + 360) % 360;
       const facts = [
         ["Robot", replay.names[robot]],
-        ["State", `${machine ? machine.states[state] : state}, for ${(replay.age(robot, cycle) * replay.period).toFixed(1)} s`],
+        ...this.doing(robot, cycle, state),
         ["Place", `${x.toFixed(3)} m, ${y.toFixed(3)} m`],
         ["Heading", `${degrees.toFixed(0)}°`],
       ];
@@ -783,8 +795,34 @@ const MercatorReplay = (() => {
         if (values.length) facts.push(["Nearest", nearest === NOTHING ? "nothing in sight" : `${((nearest / replay.proximity.steps) * replay.proximity.range).toFixed(2)} m`]);
       }
       this.facts.replaceChildren(...facts.flatMap(([name, value]) => [make("dt", { text: name }), make("dd", {}, value)]));
-      this.showMachine(machine);
-      this.light(state, this.firedAt(robot, cycle));
+      this.light(robot, cycle, state);
+    }
+
+    /** What is said of the active part of a robot, or of its wheels if it has a network. */
+    doing(robot, cycle, state) {
+      const { replay } = this;
+      const machine = replay.machine(robot);
+      if (machine && machine.architecture === "network") {
+        const levels = replay.activity(robot, cycle);
+        const outputs = [...this.diagram.querySelectorAll("[data-output]")];
+        const wheels = levels && outputs.map(({ dataset }) => `${dataset.output} ${(levels[dataset.node] / 50 - 1).toFixed(2)}`);
+        return wheels && wheels.length ? [["Wheels", wheels.join(", ")]] : [];
+      }
+      const age = `for ${(replay.age(robot, cycle) * replay.period).toFixed(1)} s`;
+      return [[machine && machine.architecture === "tree" ? "Action" : "State", `${machine ? machine.states[state] : state}, ${age}`]];
+    }
+
+    /** Scroll the panel to the active box when another one becomes active, and tell whether there is more below. */
+    reveal(box) {
+      const { panel } = this;
+      if (box && box !== this.revealed) {
+        const [top, bottom] = [this.facts.getBoundingClientRect().bottom, panel.getBoundingClientRect().bottom - MORE];
+        const place = box.getBoundingClientRect();
+        if (place.bottom > bottom) panel.scrollTop += place.bottom - bottom + 8;
+        else if (place.top < top) panel.scrollTop -= top - place.top + 8;
+      }
+      this.revealed = box;
+      this.more.hidden = panel.scrollHeight - panel.scrollTop - panel.clientHeight < 4;
     }
 
     swatch({ name, colour }) {
@@ -802,8 +840,32 @@ const MercatorReplay = (() => {
       return null;
     }
 
-    light(state, fired) {
-      for (const node of this.diagram.querySelectorAll("[data-state]")) node.classList.toggle("active", node.dataset.state === String(state));
+    /** Show in the diagram what a robot does: of a tree the branch down to the node that acts, and what was ticked. */
+    light(robot, cycle, state) {
+      const machine = this.replay.machine(robot);
+      const levels = this.replay.activity(robot, cycle);
+      if (machine && machine.architecture === "network") {
+        this.reveal(null);
+        for (const node of this.diagram.querySelectorAll("[data-node]")) {
+          const level = levels ? levels[node.dataset.node] / 100 : 0;
+          node.style.fill = `color-mix(in srgb, currentColor ${100 * level}%, var(--panel))`;
+          node.querySelector("title").textContent = `${node.dataset.name}${levels ? `: ${level.toFixed(2)}` : ""}`;
+        }
+        return;
+      }
+      const isTree = machine && machine.architecture === "tree";
+      const branch = new Set(isTree && state > 0 ? [0] : []);
+      for (let k = state; isTree && k > 0; k = machine.parents[k]) branch.add(k);
+      const fired = this.firedAt(robot, cycle);
+      for (const node of this.diagram.querySelectorAll("[data-state]")) {
+        const k = Number(node.dataset.state);
+        node.classList.toggle("active", k === state && (!isTree || k > 0));
+        node.classList.toggle("branch", branch.has(k));
+        node.classList.toggle("idle", Boolean(isTree && levels && !levels[k]));
+        const mark = node.querySelector(".mark");
+        if (mark) mark.textContent = levels ? MARKS[levels[k]] : "";
+      }
+      this.reveal(this.diagram.querySelector(".active .box"));
       for (const edge of this.diagram.querySelectorAll("[data-transition]")) edge.classList.toggle("active", edge.dataset.transition === fired);
     }
   }

@@ -24,17 +24,17 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from benchmarks.twin_runs import EARLY, Plan, Track, log_of_twin, play
 from mercator_design.config.colours import COLOURS
-from mercator_design.fsm.control import STATE, control_cycle
 from mercator_design.jit import compiled
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.perception import perceive, proximity_weight
-from mercator_design.modules.reference import ACTIONS, EVERYTHING, N_READINGS, Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, ACTIVE, EVERYTHING, N_READINGS, Readings, ReferenceModel
 from mercator_design.robot.devices.settings import Settings, nearest
 from mercator_design.robot.logs.events import CycleDone, RunStarted
 from mercator_design.robot.logs.log import controller_of, read
 from mercator_design.sim.kernels.sensing import sense
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator, tables_of
+from mercator_design.software.architectures import architecture_of
 from mercator_design.twin.arena import without_noise
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -85,16 +85,15 @@ def decisions(log: Path) -> Decisions:
     """What the simulator's compiled control cycle makes of the readings and draws of a log."""
     start, *events = read(log)
     assert isinstance(start, RunStarted)  # noqa: S101
-    tables, model = tables_of(controller_of(start).software), start.reference_model
+    tables = tables_of(controller_of(start).software)
+    model, cycle = tables.flavour.reference_model(start.reference_model), compiled(architecture_of(start.flavour).cycle)
     memory, actions = np.zeros(tables.memory), np.zeros(ACTIONS)
     cycles = [event for event in events if isinstance(event, CycleDone)]
     states = wheels = changes = 0
     for event in cycles:
-        was = int(memory[STATE])
-        compiled(control_cycle)(
-            model, tables.program, Readings(*event.readings), memory, np.array(event.draws), actions
-        )
-        states += (was, int(memory[STATE])) == (event.state, event.next_state)
+        was = int(memory[ACTIVE])
+        cycle(model, tables.program, Readings(*event.readings), memory, np.array(event.draws), actions)
+        states += (was, int(memory[ACTIVE])) == (event.state, event.next_state)
         wheels += tuple(actions[:2]) == event.wheels
         changes += event.state != event.next_state
     return Decisions(len(cycles), states, wheels, changes)

@@ -1,0 +1,123 @@
+"""The way of a robot in the frame of a map: poses of all its turns, matched against the final keyframes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mercator_design.arrays import Flags, Floats, Numbers
+from mercator_design.mapping import poses
+from mercator_design.mapping.front.front_end import MIN_POINTS
+from mercator_design.mapping.front.matching import Matcher, Search
+from mercator_design.mapping.front.scans import Preparation
+from mercator_design.mapping.front.surfels import SurfelMap
+from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.track import Track
+
+_CELL = 0.025  # [m] of the map that all turns are matched against
+_DEVIATIONS = np.array([0.03, 0.03, 0.02])  # [m, m, rad] of a turn's pose between its keyframes
+_SEARCH = Search(first_reach=0.15)
+_MIN_SHARE = 0.5  # of a turn's points that must match, or it stays where the front end put it
+
+
+@dataclass(frozen=True)
+class Way:
+    """A fragment's part of a map: a robot's log, or a segment of it, in the frame of the map."""
+
+    name: str
+    track: Track  # of the whole log, in the frames of its segments
+    turns: Numbers  # (n,) its turns in the log
+    times: Floats  # (n,) [s] their reference times on the robot's clock
+    poses: Floats  # (n, 3) of the robot at these times
+    shares: Floats  # (n,) of the points that match the map; 0: it was not matched
+    keyframes: Numbers  # (k,) their numbers among the keyframes of the track
+    keyframe_poses: Floats  # (k, 3)
+    furniture: Flags  # (s,) which clusters of the track are furniture
+    offset: float = 0.0  # [s] the robot's clock is ahead of that of the map by this
+    scale: float = 1.0  # by which the distances of the odometry are multiplied
+
+    @property
+    def log(self) -> RobotLog:
+        return self.track.log
+
+    @property
+    def is_keyframe(self) -> Flags:
+        """Which turns (n,) are keyframes."""
+        return np.isin(self.turns, self.track.keyframes.turns[self.keyframes])
+
+    def preparation(self) -> Preparation:
+        """What prepares its turns."""
+        return Preparation(self.log, self.track.lag, self.scale)
+
+
+def match_all(ways: Sequence[Way], advance: Callable[[int], None] | None = None) -> list[Way]:
+    """Match all turns that are no keyframes against the map of all keyframes.
+
+    Args:
+        ways: Those of one map.
+        advance: Called with the number of turns of a way that was matched.
+    """
+    surfels = map_of(ways, _CELL)
+    found = []
+    for way in ways:
+        found.append(_matched(way, surfels))
+        if advance is not None:
+            advance(len(way.turns))
+    return found
+
+
+def map_of(ways: Sequence[Way], cell: float, chosen: Sequence[Flags] | None = None) -> SurfelMap:
+    """The map of the keyframes of ways.
+
+    Args:
+        ways: Those of one map.
+        cell: [m].
+        chosen: Of each way, which of its keyframes; None: all.
+    """
+    surfels = SurfelMap(cell)
+    for number, way in enumerate(ways):
+        which = np.arange(len(way.keyframes)) if chosen is None else np.flatnonzero(chosen[number])
+        for k in which:
+            points, normals = (one.astype(float) for one in way.track.keyframes.of(int(way.keyframes[k])))
+            surfels.insert(way.keyframe_poses[k], points, normals, np.zeros(len(points)))
+    return surfels
+
+
+def _matched(way: Way, surfels: SurfelMap) -> Way:
+    track = way.track
+    moved = track.poses[way.turns]
+    found, shares = _between_keyframes(way, moved), np.zeros(len(way.turns))
+    matcher, preparation = Matcher(), way.preparation()
+    is_keyframe = way.is_keyframe
+    for row, turn in enumerate(way.turns.tolist()):
+        if is_keyframe[row]:
+            shares[row] = 1.0
+            continue
+        scan = preparation.scan(turn)
+        if len(scan.points) < MIN_POINTS or track.shares[turn] == 0.0:
+            continue
+        match = matcher.match(surfels, found[row], _DEVIATIONS, scan, _SEARCH)
+        if match.share >= _MIN_SHARE:
+            found[row], shares[row] = match.pose, match.share
+    found[:, 2] = np.unwrap(found[:, 2])
+    return Way(
+        *(way.name, track, way.turns, way.times, found, shares, way.keyframes, way.keyframe_poses, way.furniture),
+        *(way.offset, way.scale),
+    )
+
+
+def _between_keyframes(way: Way, known: Floats) -> Floats:
+    """Poses (n, 3) of the turns, where the front end's poses (n, 3) lie relative to the nearest keyframes."""
+    if not len(way.keyframes):
+        return known.copy()
+    before_poses, turns = way.track.keyframes.poses[way.keyframes], way.track.keyframes.turns[way.keyframes]
+    motions = poses.compose(way.keyframe_poses, poses.inverse(before_poses))
+    after = np.clip(np.searchsorted(turns, way.turns), 0, len(turns) - 1)
+    before = np.clip(np.searchsorted(turns, way.turns, side="right") - 1, 0, len(turns) - 1)
+    one, other = (poses.compose(motions[k], known) for k in (before, after))
+    times = way.track.times
+    apart = np.maximum(times[turns[after]] - times[turns[before]], 1e-9)
+    part = np.clip((way.times - times[turns[before]]) / apart, 0.0, 1.0)
+    difference = other - one
+    difference[:, 2] = poses.wrap(difference[:, 2])
+    return np.asarray(one + part[:, np.newaxis] * difference)

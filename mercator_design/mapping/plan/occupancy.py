@@ -118,13 +118,13 @@ def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> Occupan
     columns, rows = (np.ceil((high - corner) / resolution).astype(int) + 2).tolist()
     hits, crossings = np.zeros((rows, columns), np.int64), np.zeros((rows, columns), np.int64)
     for way in ways:
-        preparation, keyframes = way.preparation(), way.track.keyframes
+        preparation, keyframes, found = way.preparation(), way.track.keyframes, way.keyframe_poses
         for k in np.flatnonzero(sharp_keyframes(way)):
             turn = int(keyframes.turns[way.keyframes[k]])
             scan = preparation.scan(turn)
             _unmark_furniture(way, turn, scan)
             beams = scan.beams
-            pose = np.ascontiguousarray(way.keyframe_poses[k])
+            pose = np.ascontiguousarray(found[k])
             compiled(trace)(pose, beams.origins, beams.points, beams.kinds, corner, resolution, hits, crossings)
     return Occupancy(corner, resolution, hits, crossings)
 
@@ -146,9 +146,9 @@ def _bounds(ways: Sequence[Way]) -> tuple[Floats, Floats]:
     """The corners (2,) [m] of what the keyframes saw, and of where the robots were."""
     seen = [way.poses[:, :2] for way in ways if len(way.poses)]
     for way in ways:
-        for k, number in enumerate(way.keyframes.tolist()):
+        for pose, number in zip(way.keyframe_poses, way.keyframes.tolist(), strict=True):
             points, _ = way.track.keyframes.of(number)
-            seen.append(poses.transform(way.keyframe_poses[k], points.astype(float)))
+            seen.append(poses.transform(pose, points.astype(float)))
     places = np.concatenate([*seen, np.zeros((0, 2))])
     if not len(places):
         return np.zeros(2), np.zeros(2)

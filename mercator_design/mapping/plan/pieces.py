@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Flags, Floats
 from mercator_design.mapping.front.surfels import CELL
 from mercator_design.mapping.plan.occupancy import sharp_keyframes
 from mercator_design.mapping.plan.ways import Way, map_of
@@ -19,6 +19,7 @@ _STRAIGHT = 0.97  # product of the normals of pieces of one line
 _ON_LINE = 0.015  # [m] of a piece from its line
 _GAP = 0.12  # [m] along a line
 _MIN_PIECES = 2
+_GROWTHS = 4
 
 
 def pieces_of(ways: Sequence[Way]) -> Floats:
@@ -61,32 +62,34 @@ def lines_of(pieces: Floats) -> Floats:
     for seed in np.argsort(-pieces[:, 4], kind="stable").tolist():
         if tree is None or not left[seed]:
             continue
-        members = _grown(pieces, tree, left, seed)
+        members, line = [seed], (pieces[seed, :2], pieces[seed, 2:4])
+        for _ in range(_GROWTHS):  # the longer the line, the better its direction is known
+            members = _grown(pieces, tree, left, seed, line)
+            line = _fitted(pieces[members])
         left[members] = False
         if len(members) >= _MIN_PIECES:
             found.append(_line(pieces[members]))
     return np.array(found).reshape(-1, 4)
 
 
-def _grown(pieces: Floats, tree: cKDTree, left: np.ndarray, seed: int) -> list[int]:
-    """The pieces of the line on which one lies, from neighbour to neighbour."""
+def _grown(pieces: Floats, tree: cKDTree, left: Flags, seed: int, line: tuple[Floats, Floats]) -> list[int]:
+    """The pieces on a line (a place and the normal), from neighbour to neighbour."""
     members, waiting = {seed}, [seed]
-    place, normal = pieces[seed, :2], pieces[seed, 2:4]
+    place, normal = line
     while waiting:
         for other in tree.query_ball_point(pieces[waiting.pop(), :2], _GAP):
             if other in members or not left[other] or pieces[other, 2:4] @ normal < _STRAIGHT:
                 continue
-            if abs(normal @ (pieces[other, :2] - place)) > _ON_LINE:
-                continue
-            members.add(other)
-            waiting.append(other)
-            if len(members) in {4, 12, 40}:  # the longer the line, the better its direction is known
-                place, normal = _fitted(pieces[sorted(members)])
+            if abs(normal @ (pieces[other, :2] - place)) <= _ON_LINE:
+                members.add(other)
+                waiting.append(other)
     return sorted(members)
 
 
 def _fitted(rows: Floats) -> tuple[Floats, Floats]:
     """The mean place, and the unit normal of the line through pieces, on the side of their normals."""
+    if len(rows) == 1:
+        return rows[0, :2], rows[0, 2:4]
     place = np.average(rows[:, :2], axis=0, weights=rows[:, 4])
     away = rows[:, :2] - place
     _, vectors = np.linalg.eigh((away * rows[:, 4:]).T @ away)

@@ -1,12 +1,11 @@
 """The way of a robot in the frame of a map: poses of all its turns, matched against the final keyframes."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
-from mercator_design.mapping import poses
 from mercator_design.mapping.front.front_end import MIN_POINTS
 from mercator_design.mapping.front.matching import Matcher, Search
 from mercator_design.mapping.front.scans import Preparation
@@ -25,16 +24,14 @@ class Way:
     """A fragment's part of a map: a robot's log, or a segment of it, in the frame of the map."""
 
     name: str
-    track: Track  # of the whole log, in the frames of its segments
+    track: Track  # of the whole log, in the frames of its maps
     turns: Numbers  # (n,) its turns in the log
     times: Floats  # (n,) [s] their reference times on the robot's clock
     poses: Floats  # (n, 3) of the robot at these times
     shares: Floats  # (n,) of the points that match the map; 0: it was not matched
     keyframes: Numbers  # (k,) their numbers among the keyframes of the track
-    keyframe_poses: Floats  # (k, 3)
     furniture: Flags  # (s,) which clusters of the track are furniture
     offset: float = 0.0  # [s] the robot's clock is ahead of that of the map by this
-    scale: float = 1.0  # by which the distances of the odometry are multiplied
 
     @property
     def log(self) -> RobotLog:
@@ -47,7 +44,12 @@ class Way:
 
     def preparation(self) -> Preparation:
         """What prepares its turns."""
-        return Preparation(self.log, self.track.lag, self.scale)
+        return Preparation(self.log, self.track.lag, self.track.scale)
+
+    @property
+    def keyframe_poses(self) -> Floats:
+        """The poses (k, 3) of its keyframes."""
+        return self.track.keyframes.poses[self.keyframes]
 
 
 def match_all(ways: Sequence[Way], advance: Callable[[int], None] | None = None) -> list[Way]:
@@ -77,16 +79,15 @@ def map_of(ways: Sequence[Way], cell: float, chosen: Sequence[Flags] | None = No
     surfels = SurfelMap(cell)
     for number, way in enumerate(ways):
         which = np.arange(len(way.keyframes)) if chosen is None else np.flatnonzero(chosen[number])
+        poses = way.keyframe_poses
         for k in which:
             points, normals = (one.astype(float) for one in way.track.keyframes.of(int(way.keyframes[k])))
-            surfels.insert(way.keyframe_poses[k], points, normals, np.zeros(len(points)))
+            surfels.insert(poses[k], points, normals, np.zeros(len(points)))
     return surfels
 
 
 def _matched(way: Way, surfels: SurfelMap) -> Way:
-    track = way.track
-    moved = track.poses[way.turns]
-    found, shares = _between_keyframes(way, moved), np.zeros(len(way.turns))
+    found, shares = way.poses.copy(), np.zeros(len(way.turns))
     matcher, preparation = Matcher(), way.preparation()
     is_keyframe = way.is_keyframe
     for row, turn in enumerate(way.turns.tolist()):
@@ -94,30 +95,10 @@ def _matched(way: Way, surfels: SurfelMap) -> Way:
             shares[row] = 1.0
             continue
         scan = preparation.scan(turn)
-        if len(scan.points) < MIN_POINTS or track.shares[turn] == 0.0:
+        if len(scan.points) < MIN_POINTS or way.track.shares[turn] == 0.0:
             continue
         match = matcher.match(surfels, found[row], _DEVIATIONS, scan, _SEARCH)
         if match.share >= _MIN_SHARE:
             found[row], shares[row] = match.pose, match.share
     found[:, 2] = np.unwrap(found[:, 2])
-    return Way(
-        *(way.name, track, way.turns, way.times, found, shares, way.keyframes, way.keyframe_poses, way.furniture),
-        *(way.offset, way.scale),
-    )
-
-
-def _between_keyframes(way: Way, known: Floats) -> Floats:
-    """Poses (n, 3) of the turns, where the front end's poses (n, 3) lie relative to the nearest keyframes."""
-    if not len(way.keyframes):
-        return known.copy()
-    before_poses, turns = way.track.keyframes.poses[way.keyframes], way.track.keyframes.turns[way.keyframes]
-    motions = poses.compose(way.keyframe_poses, poses.inverse(before_poses))
-    after = np.clip(np.searchsorted(turns, way.turns), 0, len(turns) - 1)
-    before = np.clip(np.searchsorted(turns, way.turns, side="right") - 1, 0, len(turns) - 1)
-    one, other = (poses.compose(motions[k], known) for k in (before, after))
-    times = way.track.times
-    apart = np.maximum(times[turns[after]] - times[turns[before]], 1e-9)
-    part = np.clip((way.times - times[turns[before]]) / apart, 0.0, 1.0)
-    difference = other - one
-    difference[:, 2] = poses.wrap(difference[:, 2])
-    return np.asarray(one + part[:, np.newaxis] * difference)
+    return replace(way, poses=found, shares=shares)

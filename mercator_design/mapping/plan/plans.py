@@ -1,0 +1,94 @@
+"""The maps of a swarm: for each group of robots in one frame, their ways, cells, pieces of walls and lines."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mercator_design.arrays import Floats
+from mercator_design.mapping.plan.occupancy import RESOLUTION, Occupancy, occupancy_of
+from mercator_design.mapping.plan.pieces import lines_of, pieces_of
+from mercator_design.mapping.plan.ways import Way, match_all
+from mercator_design.mapping.swarm import Report, SwarmMap
+from mercator_design.mapping.track import Track
+
+MIN_LAG = 0.005
+"""Seconds of lag of a lidar's times that are worth a message."""
+
+MIN_GAP = 5.0
+"""Seconds without a turn that are worth a message."""
+
+_SCANTY = 0.5  # of the turns of a log without walls, from which on the walls may be lower than the lidar
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The map of robots whose frames are known to each other."""
+
+    ways: tuple[Way, ...]  # in the frame of the map
+    occupancy: Occupancy
+    pieces: Floats  # (n, 5) of walls: mean x, y [m], unit normal x, y, weight
+    lines: Floats  # (m, 4) walls: x, y [m] of both ends
+
+
+def plans_of(swarm: SwarmMap, resolution: float = RESOLUTION, report: Report | None = None) -> list[Plan]:
+    """The maps of a swarm, that of most robots first.
+
+    Args:
+        swarm: Keyframes in common frames.
+        resolution: [m] of the cells.
+        report: Called as the work goes on.
+    """
+    say = report or (lambda _stage, _share: None)
+    of_maps = [_ways(swarm, number) for number in range(swarm.n_maps)]
+    turns = [len(way.turns) for ways in of_maps for way in ways]
+    done = itertools.accumulate(turns)
+    found = []
+    for ways in of_maps:
+        matched = match_all(ways, lambda _: say("all turns", next(done) / sum(turns)))
+        pieces = pieces_of(matched)
+        found.append(Plan(tuple(matched), occupancy_of(matched, resolution), pieces, lines_of(pieces)))
+    return found
+
+
+def _ways(swarm: SwarmMap, number: int) -> list[Way]:
+    """The ways in one map: one of each robot, or of each of its segments there."""
+    found = []
+    for k, turns in swarm.turns_of(number):
+        track = swarm.tracks[k]
+        for segment in np.unique(track.segments[turns]).tolist():
+            own = turns[track.segments[turns] == segment]
+            name = track.log.name + (f" (part {segment + 1})" if track.n_segments > 1 else "")
+            keyframes = np.flatnonzero(track.keyframes.segments == segment)
+            found.append(
+                Way(
+                    *(name, track, own, track.times[own], track.poses[own], np.zeros(len(own))),
+                    *(keyframes, swarm.furniture[k], float(swarm.offsets[k])),
+                )
+            )
+    return found
+
+
+def messages_of(tracks: Sequence[Track]) -> list[str]:
+    """Sentences on single robots that a reader of their map should know."""
+    said = []
+    for track in tracks:
+        name, log = track.log.name, track.log
+        if not log.turns:
+            said.append(f"{name}: its log has no turns of a lidar.")
+        elif len(log.turns) > 1 and np.mean(track.shares[1:] == 0.0) > _SCANTY:
+            said.append(f"{name}: most turns of its lidar saw no walls; are they lower than the lidar (0.154 m)?")
+        if track.n_segments > 1:
+            first = [int(np.flatnonzero(track.segments == number)[0]) for number in range(1, track.n_segments)]
+            moments = ", ".join(f"{track.times[k] - track.times[0]:.1f}" for k in first)
+            said.append(f"{name} was lost {moments} s after its first turn: carried, or its odometry was wrong.")
+        if abs(track.lag) > MIN_LAG:
+            side = "late" if track.lag < 0.0 else "early"
+            said.append(f"{name}: the times of its lidar are {abs(track.lag):.3f} s {side}; this is corrected.")
+        gaps = np.diff(track.times)
+        said += [
+            f"{name}: no turn of its lidar for {gaps[k]:.1f} s, from {track.times[k] - track.times[0]:.1f} s on."
+            for k in np.flatnonzero(gaps > max(MIN_GAP, 5.0 * float(np.median([*gaps, 0.0]))))
+        ]
+    return said

@@ -734,6 +734,28 @@ class TestRecord:
             assert arrays["pose"].shape == (2, 3, 3)
             assert arrays["time"].tolist() == [1.0, 2.0]
 
+    def test_turns_of_the_lidars_and_odometry(self, mdesign, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")
+        options = ["--mission", "map_dodecagon", "--set", "duration=2", "--turns"]
+        assert mdesign("record", "fsm.txt", *options, "-o", "trace.npz")[0] == 0
+        with np.load("trace.npz") as arrays:
+            turns, beams = 12, 719
+            assert arrays["turn"].shape == (turns, 3, beams)
+            assert (arrays["turn"] > 0.0).mean() > 0.99
+            assert arrays["turn_start"].shape == (turns, 3)
+            assert (np.diff(arrays["turn_angle"]) < 0.0).all()
+            assert (np.diff(arrays["turn_time"]) > 0.0).all()
+            assert arrays["odometry_time"].shape == (41, 3)
+            assert arrays["odometry"].shape == (41, 3, 3)
+        code, _, err = mdesign("record", "fsm.txt", *options, "-o", "trace.csv")
+        assert code == 2
+        assert "--turns: expected an --output that ends in .npz, found trace.csv" in err
+        long = ["--mission", "map_dodecagon", "--set", "duration=86400", "--every", 1000, "--turns"]
+        code, _, err = mdesign("record", "fsm.txt", *long, "-o", "long.npz")
+        assert code == 1
+        assert "turns: a recording of" in err
+
     @pytest.mark.parametrize(("every", "times"), [(8, [0.8, 1.6, 2.0]), (20, [2.0]), (1000, [2.0])])
     def test_the_last_cycle_is_always_there(self, mdesign, tmp_path, every, times):
         (tmp_path / "fsm.txt").write_text("--nstates 1 --s0 0 --rwm0 20")

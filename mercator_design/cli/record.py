@@ -27,6 +27,7 @@ from mercator_design.system.files import replacing, writing
     show_default=True,
     help="Record every N-th cycle, and the last.",
 )
+@click.option("--turns", is_flag=True, help="Record also each lidar's turns, with beams at their own times (.npz).")
 @MISSION
 @seed_of("Seed of the experiment: one of the `seeds` that evaluate --json lists.")
 @CONTROLLER
@@ -35,6 +36,7 @@ def record(
     output: Path,
     devices: str,
     every: int,
+    turns: bool,
     seed: int,
     flavour: str | None,
     lenient: bool,
@@ -44,6 +46,9 @@ def record(
 
     FSM may also be a run folder, whose winner then runs.
 
+    --turns adds to an .npz file what maps are made of: turns of the lidars, whose beams leave one after the other, and
+    samples of the odometry, with its drift.
+
     Devices: wheels, leds, ground, ground_sensors, neighbours, neighbour_places, light, light_sensors, proximity,
     proximity_weights, lidar, lidar_points, ambient_light, velocity, accelerometer, gyroscope, imu, locator,
     quaternion. docs/reference/recorded-devices.md describes them.
@@ -52,13 +57,17 @@ def record(
     for name in names:
         if name not in DEVICES:
             raise click.BadParameter(f"expected a device: {', '.join(DEVICES)}, found '{name}'", param_hint="--devices")
+    if turns and output.suffix.lower() != ".npz":
+        raise click.UsageError(f"--turns: expected an --output that ends in .npz, found {output}")
     file = read_controller(fsm, flavour, lenient=lenient)
     simulator = simulator_of(fsm, file, given)
     loaded = simulator.mission
     warn_of_mission(simulator, refuse=False)
     warn_of_no_effect(simulator, file.software.flavour, file.software)
-    check_size(simulator.rehearse(announce=print_message), names, cycles=loaded.cycles, every=every)
+    rehearsal = simulator.rehearse(announce=print_message)
+    check_size(rehearsal, names, cycles=loaded.cycles, every=every, with_turns=turns)
     with writing(output), replacing(output) as stream:
         outcome = simulator.run(file.software, seed, record=True)
-        write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix.lower())
+        recording = outcome.recording if turns else None
+        write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix.lower(), turns=recording)
     print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))

@@ -37,17 +37,20 @@ class Odometry(NamedTuple):
     poses: Floats  # (samples, robots, 3) x, y [m], heading [rad, not limited to one turn] against those at the start
 
 
+def number_of_turns(recording: Recording, cycles: int) -> int:
+    """The number of complete turns in an experiment of so many cycles."""
+    return max(0, int(cycles * recording.control_period / recording.scene.lidar.turn) - 1)
+
+
 def turns_of(recording: Recording) -> LidarTurns:
     """The complete turns of an experiment; a lidar turns before it begins.
 
     Raises:
         SimulationError: if the robot has no lidar, or the result would be larger than devices.MAX_SIZE.
     """
-    if recording.robot_model.lidar is None:
-        raise SimulationError(f"robot {recording.robot_model.name} has no lidar")
+    _check_device(recording, "lidar")
     lidar, keys = recording.scene.lidar, recording.noise_keys
-    beams, duration = len(lidar.beams_x), len(recording.history.states) * recording.control_period
-    turns = max(0, int(duration / lidar.turn) - 1)
+    turns, beams = number_of_turns(recording, len(recording.history.states)), len(lidar.beams_x)
     check_size("turns", turns * len(keys) * beams)
     starts, found = np.zeros((turns, len(keys))), np.zeros((turns, len(keys), beams))
     poses, scratch = np.ascontiguousarray(recording.history.poses), np.zeros((len(keys), 3))
@@ -65,9 +68,8 @@ def odometry_of(recording: Recording, period: float = ODOMETRY_PERIOD) -> Odomet
     Raises:
         SimulationError: if the robot has no locator or no imu.
     """
-    for part in ("locator", "imu"):
-        if getattr(recording.robot_model, part) is None:
-            raise SimulationError(f"robot {recording.robot_model.name} has no {part}")
+    _check_device(recording, "locator")
+    _check_device(recording, "imu")
     cycles, robots = recording.history.states.shape
     samples = int(cycles * recording.control_period / period + 1e-9) + 1
     times, found, scratch = np.zeros((samples, robots)), np.zeros((samples, robots, 3)), np.zeros((robots, 3))
@@ -75,3 +77,8 @@ def odometry_of(recording: Recording, period: float = ODOMETRY_PERIOD) -> Odomet
     with np.errstate(over="ignore"):
         compiled(fill_samples)(recording.scene, measured, keys, period, _TIME_ERROR, scratch, times, found)
     return Odometry(times, found)
+
+
+def _check_device(recording: Recording, part: str) -> None:
+    if getattr(recording.robot_model, part) is None:
+        raise SimulationError(f"robot {recording.robot_model.name} has no {part}")

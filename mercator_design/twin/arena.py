@@ -6,12 +6,13 @@ cycle of the mission, as in the simulator.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Floats, Keys
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.missions.dynamics import change_floor
@@ -27,6 +28,7 @@ from mercator_design.sim.kernels.kernel import move, note_poses
 from mercator_design.sim.kernels.lidar import scan
 from mercator_design.sim.kernels.noise import NO_NOISE, WHEELS_DRAWS, noise
 from mercator_design.sim.kernels.scene import Scene
+from mercator_design.sim.kernels.sensing import drift
 from mercator_design.sim.kernels.swarm import Swarm, new_history
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import RobotModel
@@ -46,9 +48,11 @@ MEASURED = (
     "proximity",
 )
 """Devices of the simulator that the twin uses, beside the lidar."""
+_DRIFTING = ("imu", "locator", "quaternion")
 TREADS = "treads"
 """Name of a measurement: the distance that each tread has gone [m]."""
 _LOOKS_BACK = 2  # cycles
+_PER_SECOND = 1000  # numbers of noise of the lidar, more than it sends packets
 
 
 class TwinArena:
@@ -81,7 +85,8 @@ class TwinArena:
         self.samples, self.robots = robot_model.lidar.beams, n
         self.period, self.ticks = scene.time_step, 0
         self.cycle, self._scene, self._swarm = cycle, scene, instance.swarm
-        self._still = scene._replace(floor=scene.floor._replace(changes=scene.floor.changes[:0]))
+        still = scene.floor._replace(changes=scene.floor.changes[:0])
+        self._still = scene._replace(floor=still, motion=scene.motion._replace(drifts=False))
         self._space = Space(scene.physics, n) if jit_wanted() else None  # lives as long as the bridge to it
         self._move: Callable[[], None] = (
             Referee(scene, self._swarm).move
@@ -92,9 +97,11 @@ class TwinArena:
         self._start = self._swarm.poses[:, :3].copy()
         self._latest = new_history(_LOOKS_BACK * cycle, n, everything=False)  # a ring buffer
         self._latest.poses[:] = self._start
+        self._by_odometry = self._latest.poses.copy()  # the same by locator and imu, which may drift
+        self._drifted = np.zeros((n, 3))
         self._driven = np.zeros((len(self._latest.poses), n, 2))
         self._ways = np.zeros((n, 2))
-        self._scans = np.zeros((n, fine.beams))
+        self._placed, self._scanned = np.zeros((n, 5)), np.zeros(fine.beams)
         self._measured: dict[str, Floats] = {TREADS: self._ways}
         compiled(note_poses)(self._swarm, self._latest, 0)
 
@@ -125,6 +132,7 @@ class TwinArena:
         before = swarm.poses.copy()
         self._move()
         compiled(note_poses)(swarm, self._latest, row)
+        self._by_odometry[row] = self._measured_poses(before)
         moved = swarm.poses - before
         ahead = before[:, 3] * moved[:, 0] + before[:, 4] * moved[:, 1]
         aside = 0.5 * self._scene.tread_distance * moved[:, 2]
@@ -142,19 +150,35 @@ class TwinArena:
         values: list[float] = self._measured[device][robot].tolist()
         return values
 
-    def scan(self, robot: int) -> Floats:
-        """FINE ranges [m] around a robot for each sample of its lidar; 0 if nothing is in range."""
-        if "lidar" not in self._measured:
-            compiled(_scan)(self._scene, self._swarm, self.ticks, self._scans)
-            self._measured["lidar"] = self._scans
-        ranges: Floats = self._scans[robot]
-        return ranges
+    def scan(self, robot: int, time: float) -> tuple[Floats, float]:
+        """FINE ranges [m] around a robot for each sample of its lidar, at a time [s] in the last control cycles.
+
+        Returns:
+            The ranges, 0 if nothing is in range, which the next call changes; how fast the robot turns [rad/s].
+        """
+        rows = len(self._latest.poses)
+        tick = max(self.ticks - rows + 1.0, min(float(self.ticks), time / self.period))
+        before = max(min(math.floor(tick), self.ticks - 1), self.ticks - rows + 1)
+        poses, later = self._latest.poses[before % rows], self._latest.poses[(before + 1) % rows]
+        self._placed[:, :3] = poses + (tick - before) * (later - poses)
+        number = round(_PER_SECOND * time)
+        compiled(_scan)(self._scene, self._swarm, self._placed, robot, number, self._scanned)
+        return self._scanned, float(later[robot, 2] - poses[robot, 2]) / self.period
+
+    def _measured_poses(self, before: Floats) -> Floats:
+        """The poses by locator and imu, given the poses before the tick."""
+        poses: Floats = self._swarm.poses[:, :3]
+        if not self._scene.motion.drifts:
+            return poses
+        scene = self._scene._replace(control_period=self.period)
+        compiled(_drift)(scene, before, self._swarm.poses, self._swarm.noise_keys, self.ticks, self._drifted)
+        return np.column_stack([self._start[:, :2] + self._drifted[:, :2], poses[:, 2] + self._drifted[:, 2]])
 
     def _measure(self, device: str) -> Floats:
         rows = [(self.ticks - age * self.cycle) % len(self._latest.poses) for age in range(_LOOKS_BACK, -1, -1)]
         history = new_history(len(rows), self.robots, everything=True)
         history.poses[0] = self._start
-        history.poses[1:] = self._latest.poses[rows]
+        history.poses[1:] = (self._by_odometry if device in _DRIFTING else self._latest.poses)[rows]
         history.commands[:-1] = self._driven[rows[1:]]  # a command moves the treads one cycle later
         keys = self._swarm.noise_keys + np.uint64(self.ticks)  # other noise in each tick
         recording = Recording(self.robot_model, self._still, history, keys, self.cycle * self.period)
@@ -187,6 +211,13 @@ def _disturb(scene: Scene, swarm: Swarm, cycle: int) -> None:
             swarm.commands[i, side] += swarm.commands[i, side] * part
 
 
-def _scan(scene: Scene, swarm: Swarm, tick: int, found: Floats) -> None:
-    for i in range(len(found)):
-        scan(scene, swarm.poses, i, swarm.noise_keys[i], tick, found[i], swarm.hits, swarm.covered)
+def _drift(scene: Scene, before: Floats, after: Floats, keys: Keys, cycle: int, odometry: Floats) -> None:
+    for i in range(len(odometry)):
+        drift(scene, before, after, keys[i], cycle, i, odometry)
+
+
+def _scan(scene: Scene, swarm: Swarm, poses: Floats, i: int, number: int, found: Floats) -> None:
+    """A turn of robot i at poses (robots, 5), whose cosines and sines are computed here; with noise of a number."""
+    for j in range(len(poses)):
+        poses[j, 3], poses[j, 4] = math.cos(poses[j, 2]), math.sin(poses[j, 2])
+    scan(scene, poses, i, swarm.noise_keys[i], number, found, swarm.hits, swarm.covered)

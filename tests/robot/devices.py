@@ -50,13 +50,13 @@ class Surroundings:
     def measure(self, _, device):
         return self.measured[device]
 
-    def scan(self, _):
+    def scan(self, _robot, _time):
         ranges = np.full(FINE * self.samples, self.wall)
         for angle, distance in self.heads:
             half = math.asin(self.robot_model.lidar.head_radius / distance)
             edges = [round((angle + side) / math.tau * len(ranges)) for side in (-half, half)]
             ranges[np.arange(*edges) % len(ranges)] = distance
-        return ranges
+        return ranges, 0.0
 
 
 class Devices(Surroundings):

@@ -25,6 +25,7 @@ pytestmark = pytest.mark.together("kernels")  # compiled once
 
 POSES = [(0.2, 0.1, 0.7), (-0.3, 0.4, -2.0), (0.5, -0.5, 3.0)]
 LIGHT = ("lights=[{position: [0.5, 0.2, 1], intensity: 5}]",)
+ROOM = ("arena.walls={shape: regular_polygon, sides: 4, apothem: 1.0}", "arena.wall_height=0.3")
 FLOOR = "{background: gray, zones: [{name: z, shape: disc, center: [0.2, 0.1], radius: 0.2, color: red}]}"
 
 
@@ -112,7 +113,7 @@ class TestTheLidar:
         place = "{shape: poses, poses: " + str([list(pose) for pose in POSES]) + "}"
         simulated = look(QUIET, robots=3, placement=place, overrides=room).recording.measure("lidar")[0, 0]
         here = arena(*POSES, overrides=room)
-        lidar = TwinLidar(lambda: here.scan(0), samples=here.samples)
+        lidar = TwinLidar(lambda time: here.scan(0, time), samples=here.samples)
         lidar.set_motor(on=True, now=-1.0)
         sent = lidar.receive(encode_command("scan"), 0.0) + lidar.advance(0.5)
         turns = Turns()
@@ -131,8 +132,46 @@ class TestTheLidar:
         heads = [r for _, r in turn if 0.0 < r < 1.5]
         assert len(heads) == pytest.approx(np.sum((simulated > 0.0) & (simulated < 1.5)), abs=2)
 
+    @pytest.mark.parametrize("treads", [(-0.29, 0.29), (0.29, -0.29)])
+    def test_a_sample_sees_from_where_the_robot_is_at_its_time(self, treads):
+        """Robots turn by 33 degrees in a turn of the lidar: by its end, walls seem to be elsewhere."""
+        here = arena((0.3, -0.2, 0.0), overrides=ROOM)
+        lidar = TwinLidar(lambda time: here.scan(0, time), samples=here.samples)
+        lidar.set_motor(on=True, now=-1.0)
+        sent, poses = lidar.receive(encode_command("scan"), 0.0), [here.poses[0].copy()]
+        for tick in range(1, 101):
+            here.step([treads])
+            sent += lidar.advance(tick * here.period)
+            poses.append(here.poses[0].copy())
+        _, *packets = decoder().receive(sent)
+        assert abs(poses[-1][2]) > 3.0
+        times, off, skewed, sample = here.period * np.arange(101), [], [], 0
+        for packet in packets:
+            for k, (angle, found) in enumerate(packet.points()):
+                x, y, heading = (np.interp((sample + k) / 5000, times, each) for each in np.transpose(poses))
+                off.append(max(abs(x + found * math.cos(heading + angle)), abs(y + found * math.sin(heading + angle))))
+                skewed.append(max(abs(x + found * math.cos(angle)), abs(y + found * math.sin(angle))))
+            sample += len(packet.samples)
+        assert sample > 4500
+        assert np.abs(np.array(off) - 1.0)[np.array(off) > 0.0].max() < 0.02
+        assert np.median(np.abs(np.array(off) - 1.0)) < 0.002
+        assert np.abs(np.array(skewed) - 1.0).max() > 0.2
+
 
 class TestMoving:
+    def test_odometry_drifts_as_the_robot_model_says(self):
+        imu = dataclasses.replace(QUIET.imu, bias=0.2)
+        locator = dataclasses.replace(QUIET.locator, scale_errors=(0.04, 0.04))
+        here = arena((0.0, 0.0, 0.0), robot_model=dataclasses.replace(QUIET, imu=imu, locator=locator))
+        for _ in range(200):
+            here.step([(0.2, 0.2)])
+        (x, _, heading), way = here.poses[0], math.hypot(*here.measure(0, "locator"))
+        *_, yaw = here.measure(0, "imu")
+        assert abs(yaw - heading) > 1e-3
+        expected = x * (1.04 if way > x else 0.96) * math.sin(0.5 * yaw) / (0.5 * yaw)  # on an arc
+        assert way == pytest.approx(expected, rel=0.02)
+        assert here.measure(0, "quaternion")[3] == pytest.approx(math.sin(0.5 * yaw))
+
     def test_where_the_treads_take_it(self):
         here = arena((0.0, 0.0, 0.0), (0.0, 0.6, 1.0))
         for _ in range(300):

@@ -28,7 +28,7 @@ class Talk:
 
     def __init__(self, ranges=2.0, *, is_open=True):
         self.ranges = np.full(BEAMS, ranges) if np.isscalar(ranges) else ranges
-        self.lidar = TwinLidar(lambda: self.ranges, samples=SAMPLES, number=5)
+        self.lidar = TwinLidar(lambda _: (self.ranges, 0.0), samples=SAMPLES, number=5)
         self.decoder, self.now = decoder(), 10.0
         if is_open:
             self.lidar.set_motor(on=True, now=0.0)

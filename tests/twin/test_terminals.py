@@ -45,7 +45,7 @@ ROOT = Path(__file__).parents[2]
 def running(folder, script=None):
     """A twin of two robots that runs in a thread; its terminals."""
     here = arena((0.0, 0.0, 0.0), (0.0, 0.6, 0.0))
-    here.scan(0), here.measure(0, "proximity")  # compiled before the clock starts
+    here.scan(0, 0.0), here.measure(0, "proximity")  # compiled before the clock starts
     over = threading.Event()
     with open_log(folder) as log, Terminals(Twin(here, script, log), folder) as terminals:
         thread = threading.Thread(target=lambda: terminals.run(lambda _: over.is_set()))

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.missions.trace import Trace
 from mercator_design.sim import devices as sim_devices
 from mercator_design.sim.devices import Recording
+from mercator_design.sim.turns import number_of_turns, odometry_of, turns_of
 
 FORMATS = (".csv", ".npz")
 
@@ -15,7 +17,9 @@ _WRITTEN = 6
 """Numbers of each robot at each time: pose, state, outputs."""
 
 
-def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, every: int) -> None:
+def check_size(
+    rehearsal: Recording, devices: Sequence[str], *, cycles: int, every: int, with_turns: bool = False
+) -> None:
     """Check by a recording of one cycle that an experiment of so many cycles can be recorded.
 
     Raises:
@@ -23,10 +27,21 @@ def check_size(rehearsal: Recording, devices: Sequence[str], *, cycles: int, eve
     """
     kept = sum(array[:1].size for array in rehearsal.history)
     written = rehearsal.history.states[0].size * _WRITTEN + sum(map(rehearsal.values, devices))
+    if with_turns:
+        beams = len(rehearsal.noise_keys) * len(rehearsal.scene.lidar.beams_x)
+        sim_devices.check_size("turns", number_of_turns(rehearsal, cycles) * beams)
     sim_devices.check_size(", ".join(["poses", "states", *devices]), cycles * kept + -(-cycles // every) * written)
 
 
-def write_recording(file: BinaryIO, trace: Trace, devices: Sequence[str], *, every: int, suffix: str) -> None:
+def write_recording(
+    file: BinaryIO,
+    trace: Trace,
+    devices: Sequence[str],
+    *,
+    every: int,
+    suffix: str,
+    turns: Recording | None = None,
+) -> None:
     """Write a recorded experiment.
 
     Args:
@@ -35,11 +50,26 @@ def write_recording(file: BinaryIO, trace: Trace, devices: Sequence[str], *, eve
         devices: Names of sim.devices.DEVICES.
         every: Record every n-th cycle, and the last.
         suffix: One of FORMATS.
+        turns: The recording, if a `.npz` file also has the lidars' turns and the samples of odometry.
 
     Raises:
-        SimulationError: as `Recording.measure`.
+        SimulationError: as `Recording.measure` and `turns_of`.
     """
     if suffix == ".npz":
-        np.savez_compressed(file, **trace.arrays(devices, every))  # type: ignore[arg-type]
+        arrays = trace.arrays(devices, every) | ({} if turns is None else _turns(turns))
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     else:
         trace.to_frame(devices, every).to_csv(file, index=False)
+
+
+def _turns(recording: Recording) -> dict[str, NDArray[np.generic]]:
+    """The arrays of turns and odometry, by name."""
+    turns, odometry = turns_of(recording), odometry_of(recording)
+    return {
+        "turn_start": turns.starts,
+        "turn_time": turns.times,
+        "turn_angle": turns.angles,
+        "turn": turns.ranges.astype(np.float32),
+        "odometry_time": odometry.times,
+        "odometry": odometry.poses,
+    }

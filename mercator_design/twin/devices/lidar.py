@@ -29,8 +29,9 @@ from mercator_design.robot.protocols.ydlidar import (
     correction,
 )
 
-Scan: TypeAlias = Callable[[], Floats]
-"""Returns FINE ranges [m] for each sample, counter-clockwise from the robot's front; 0 if nothing is in range."""
+Scan: TypeAlias = Callable[[float], tuple[Floats, float]]
+"""Returns FINE ranges [m] for each sample at a time [s], counter-clockwise from the robot's front, 0 if nothing is in
+range; and how fast the robot then turns [rad/s]."""
 
 SPINS_UP = 0.5
 """[s] that the motor takes to reach its speed."""
@@ -134,7 +135,7 @@ class TwinLidar:
             count = 1 if first == 0 else min(_PACKET, self._samples - first)
             if (self._sent + count) / SAMPLE_RATE > now - start:
                 break
-            said.append(self._packet(first, count))
+            said.append(self._packet(first, count, start + (self._sent + 0.5 * (count - 1)) / SAMPLE_RATE))
             self._sent += count
         return b"".join(said)
 
@@ -164,9 +165,11 @@ class TwinLidar:
         self._sent = 0
         self._scans = max(self._scans, now)
 
-    def _packet(self, first: int, count: int) -> bytes:
+    def _packet(self, first: int, count: int, middle: float) -> bytes:
+        """The samples from one on, whose mean time is `middle` [s]: each sees from where the robot then faces."""
         found = self._found[:count]
-        compiled(put)(self._scan(), _CORRECTIONS, self._samples, first, found, self._scratch)
+        around, turning = self._scan(middle)
+        compiled(put)(around, _CORRECTIONS, self._samples, first, turning / SAMPLE_RATE, found, self._scratch)
         self._hide(first, found)
         ranges = tuple(np.minimum(np.rint(_MM * found), _MAX_RANGE).astype(int).tolist())
         step = TURN / self._samples
@@ -191,7 +194,9 @@ def with_intensities(packet: Packet) -> bytes:
     return struct.pack("<5H", *head) + b"".join(struct.pack("<BH", _INTENSITY, word) for word in words)
 
 
-def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Floats, ranks: Floats) -> None:
+def put(
+    ranges: Floats, corrections: Floats, samples: int, first: int, turned: float, found: Floats, ranks: Floats
+) -> None:
     """Place ranges at the samples where a device would report them.
 
     If several objects come to the same sample, the nearest one hides the others; if none does, the range is 0.
@@ -201,6 +206,7 @@ def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Fl
         corrections: Corrections of angles [rad], by range [mm].
         samples: Samples in a turn.
         first: Number of the first sample, clockwise from the front.
+        turned: Angle [rad] by which the robot turns from one sample to the next; the ranges are of their mean time.
         found: (count,) receives the ranges of the samples from there on [m].
         ranks: (count or more,) scratch.
     """
@@ -209,13 +215,15 @@ def put(ranges: Floats, corrections: Floats, samples: int, first: int, found: Fl
     for j in range(count):
         found[j] = 0.0
         ranks[j] = math.inf
-    begin = math.floor((_MIN_CORRECTION - (first + count) * step) / fine)
-    end = math.ceil((_MAX_CORRECTION - (first - 1) * step) / fine)
+    middle, spread = 0.5 * (count - 1), abs(turned) * count
+    begin = math.floor((_MIN_CORRECTION - spread - (first + count) * step) / fine)
+    end = math.ceil((_MAX_CORRECTION + spread - (first - 1) * step) / fine)
     for k in range(begin, end + 1):
         r = ranges[k % beams]
         if r == 0.0:
             continue
-        place = (corrections[min(int(1000.0 * r + 0.5), len(corrections) - 1)] - k * fine) / step - first
+        angle = corrections[min(int(1000.0 * r + 0.5), len(corrections) - 1)] - k * fine
+        place = (angle - first * step - turned * middle) / (step - turned)
         j = math.floor(place + 0.5)
         off = abs(place - j) * FINE  # in beams
         if not 0 <= j < count or off > _SPREAD:

@@ -98,7 +98,7 @@ class Pfsm:
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        flavour = flavour_of(self.flavour)
+        flavour = flavour_of(self.flavour, "pfsm")
         max_states, max_transitions = flavour.limit("states"), flavour.limit("transitions")
         behaviours, conditions = flavour.numbers_of("behaviour"), flavour.numbers_of("condition")
         if not 1 <= len(self.states) <= max_states:

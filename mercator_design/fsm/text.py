@@ -22,8 +22,10 @@ from mercator_design.modules.tokens import FlagReader, OriginalReader, flags_of,
 
 def _known_flags(flavour: Flavour) -> re.Pattern[str]:
     """All flags of a flavour's texts."""
-    of_states = "|".join(sorted({"s", "n"} | flags_of(flavour.numbered("behaviour").values())))
-    of_transitions = "|".join(sorted({"n", "c"} | flags_of(flavour.numbered("condition").values())))
+    of_states, of_transitions = (
+        "|".join(sorted(flavour.reserved_flags(kind) | flags_of(flavour.numbered(kind).values())))
+        for kind in ("behaviour", "condition")
+    )
     return re.compile(rf"--(?:nstates|(?:{of_states})[0-9]+|(?:{of_transitions})[0-9]+x[0-9]+)")
 
 
@@ -39,7 +41,7 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming token, state and transition.
     """
-    known = flavour_of(flavour)
+    known = flavour_of(flavour, "pfsm")
     given = tokens = tokens_of(line, "--fsm-config")
     if tolerate:
         tokens = _as_original(tokens, known, tolerate)

@@ -310,7 +310,7 @@ def _parameter(module: str, name: str, kind: Any) -> ModuleParameter:  # noqa: A
 
 
 def _stem(module: str, parameter: str) -> str:
-    return re.sub(r"[^A-Z]", "", f"{module}{parameter}".upper())
+    return re.sub(r"[^A-Z0-9]", "", f"{module}{parameter}".upper())
 
 
 _TAKEN: tuple[Callable[..., Any], ...] = (

@@ -39,7 +39,6 @@ from mercator_design.tree.tree import (
     place_of,
 )
 
-_RESERVED = {"n", "nchild", "a", "c"}
 _MAX_ORIGINAL = 99
 """Children of a node in texts that only the original accepts."""
 _IN_BYTES = {"xi"}
@@ -58,7 +57,7 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming token and node.
     """
-    known = flavour_of(flavour)
+    known = flavour_of(flavour, "tree")
     tokens = tokens_of(line, "--bt-config")
     if is_old(tokens):
         if tolerate is None:
@@ -123,26 +122,15 @@ def to_text(tree: Tree) -> str:
     return " ".join(words)
 
 
-def _checked_flags(kind: int, flavour: Flavour) -> set[str]:
-    """The letters of the parameters of a flavour's actions or conditions."""
-    modules = flavour.numbered("behaviour" if kind == ACTION else "condition").values()
-    own = {SUCCESS.flag} if kind == ACTION else set()
-    for module in modules:
-        for flag in sorted(flags_of([module]) & (_RESERVED | own)):
-            raise FsmError(
-                f"{flavour.name}: {module.name}: texts of trees use --{flag} for something else; name the "
-                "parameter otherwise"
-            )
-    return flags_of(modules) | own
-
-
 class _TokenReader(FlagReader):
     """Reads well-formed tokens."""
 
     def __init__(self, tokens: Sequence[str], flavour: Flavour, *, any_domain: bool) -> None:
         self._known = {ACTION: flavour.numbered("behaviour"), CONDITION: flavour.numbered("condition")}
-        self._flags = {kind: _checked_flags(kind, flavour) for kind in self._known}
-        letters = "|".join(sorted(_RESERVED.union(*self._flags.values())))
+        self._flags = {kind: flags_of(known.values()) for kind, known in self._known.items()}
+        self._flags[ACTION].add(SUCCESS.flag)
+        reserved = flavour.reserved_flags("behaviour") | flavour.reserved_flags("condition")
+        letters = "|".join(sorted(reserved.union(*self._flags.values())))
         flags = re.compile(rf"--(?:n(?:child)?root|(?:{letters})[0-9]+)")
         super().__init__(tokens, flags, "--nroot, --n0 or --p01", flavour, any_domain=any_domain)
 

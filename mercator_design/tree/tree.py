@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_names, flavour_of
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
 from mercator_design.modules.perception import Row
 from mercator_design.modules.reference import senses_bits
@@ -103,9 +103,7 @@ class Tree:
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        if flavour_of(self.flavour).architecture != "tree":
-            known = ", ".join(flavour_names("tree"))
-            raise FsmError(f"flavour: expected one of trees ({known}), found {self.flavour!r}")
+        flavour_of(self.flavour, "tree")
         if self.root.is_leaf:
             raise FsmError(f"the root: expected one of {', '.join(KINDS[:ACTION])}, found {self.root.kind!r}")
         seen = set()

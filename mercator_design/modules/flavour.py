@@ -4,8 +4,9 @@ A flavour is a YAML file. Shipped ones lie in scenarios/flavours/. Control softw
 name, and a process has one flavour of each name.
 """
 
+import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -178,6 +179,21 @@ class Flavour(FromFile):
         """The largest number of something."""
         return (self.limits or {}).get(name, _RULES[self.architecture].limits[name][0])
 
+    def check_module(self, place: str, kind: str, name: str, values: Sequence[float], *, any_domain: bool) -> None:
+        """Check a behaviour or a condition of control software at a place.
+
+        Raises:
+            FsmError: It does not exist in this flavour, or a parameter is missing, superfluous, or as `check` says.
+        """
+        known = self.numbers_of(kind)
+        if name not in known:
+            raise FsmError(f"{place}: {self.name} has no {kind} {name!r}; it has {', '.join(known)}")
+        parameters = (BEHAVIOURS if kind == "behaviour" else CONDITIONS)[name].parameters
+        if len(values) != len(parameters):
+            raise FsmError(f"{place}: {name} takes {len(parameters)} parameters, found {len(values)}")
+        for parameter, value in zip(parameters, values, strict=True):
+            parameter.check(place, name, value, any_domain=any_domain)
+
     def reserved_flags(self, kind: str) -> frozenset[str]:
         """Letters that its texts have for something else than parameters of its behaviours or conditions."""
         return _RULES[self.architecture].flags[kind]
@@ -238,6 +254,16 @@ def flavour_of(name: str, architecture: str | None = None) -> Flavour:
         known = ", ".join(flavour_names(architecture))
         raise FsmError(f"flavour: expected one of {architecture}s ({known}), found {excerpt(repr(name))}")
     return found
+
+
+def other_flavour(flavour: str | None, architecture: str, read: Callable[[str], object]) -> str:
+    """A hint on control software that cannot be read in its flavour, but in another; empty if it fits none."""
+    for other in flavour_names(architecture):
+        if other != flavour:
+            with contextlib.suppress(FsmError):
+                read(other)
+                return f"; it fits the flavour {other}: give that flavour"
+    return ""
 
 
 def load_flavour(name_or_path: str) -> Flavour:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from mercator_design.config.colours import COLOURS, LABELS, RGB
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.text import out_of_domain
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.architecture import out_of_domain
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.checks.no_effect import ground_levels, readings_on, seen_colours

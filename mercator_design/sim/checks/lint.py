@@ -14,7 +14,9 @@ from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import out_of_domain
 from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.module import Module
 from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.plugins.registries import is_ours
 from mercator_design.sim.checks.no_effect import ground_levels, readings_on, seen_colours
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import LidarNeighbours, Uniform
@@ -57,13 +59,6 @@ def _beta(edge: Transition) -> float | None:
     return edge.parameters[0] if edge.module.has_beta else None
 
 
-def _chance(edge: Transition, model: ReferenceModel, readings: Readings) -> float:
-    """The probability of a transition in a situation; NaN if its condition also depends on other things."""
-    module = edge.module
-    is_known = module.reads <= {"ground", "neighbours"} and module.memory == 0
-    return module.probability(model, readings, edge.parameters) if is_known else math.nan
-
-
 def _is_twin(one: Transition, other: Transition) -> bool:
     """Whether two transitions of a state have the same condition and target, but perhaps another probability beta."""
     free = int(_beta(one) is not None)
@@ -98,9 +93,23 @@ class _Linter:
         self.situations = _situations(mission, model)
         reference = model.reference_model if model else flavour_of(pfsm.flavour).reference_model(ReferenceModel())
         self.chances = {
-            (i, j): [_chance(edge, reference, each) for each in self.situations] for i, j, edge in self._edges()
+            (i, j): [
+                edge.module.probability(reference, each, edge.parameters) if self._is_judged(edge.module) else math.nan
+                for each in self.situations
+            ]
+            for i, j, edge in self._edges()
         }
         self.dead = {place for place, chances in self.chances.items() if max(chances) <= NEGLIGIBLE}
+
+    def _is_judged(self, module: Module) -> bool:
+        """Whether the situations have all that a condition depends on; own ones may distinguish any colours."""
+        if not module.reads <= {"ground", "neighbours"} or module.memory:
+            return False
+        if is_ours(module.function) or "ground" not in module.reads:
+            return True
+        return (
+            self.mission is not None and self.model is not None and ground_levels(self.mission, self.model) is not None
+        )
 
     def findings(self) -> Iterator[Finding]:
         found: list[str] = []

@@ -40,6 +40,7 @@ from mercator_design import seeds
 from mercator_design.mapping.frames.joining import join
 from mercator_design.mapping.front.lag import track_of
 from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.swarm import SwarmMap, map_swarm
 
 ARENAS = ("map_empty_dodecagon", "map_rooms", "map_corridor", "map_hall", "map_dodecagon")
@@ -75,12 +76,14 @@ def robot_minutes(logs: list[RobotLog]) -> float:
 
 
 def megabytes(logs: list[RobotLog]) -> float:
-    return sum(column.nbytes for log in logs for turn in log.turns for column in turn) / 1e6
+    """What the turns take; arrays that several turns share count once."""
+    columns = {id(column): column.nbytes for log in logs for turn in log.turns for column in turn}
+    return sum(columns.values()) / 1e6
 
 
 def arena_row(arena: str, seed: int, duration: float) -> dict[str, Any]:
     logs = explored(arena, seed, duration)
-    map_swarm([cut(log, 0.0, 20.0) for log in logs[:2]])  # compiles all kernels
+    plans_of(map_swarm([cut(log, 0.0, 20.0) for log in logs[:2]]))  # compiles all kernels
     stages: dict[str, float] = {}
     last = time.process_time()
 
@@ -92,18 +95,19 @@ def arena_row(arena: str, seed: int, duration: float) -> dict[str, Any]:
 
     peak, begin = Peak(), time.process_time()
     found = map_swarm(logs, report=note)
+    plan = plans_of(found, report=note)[0]
     cpu, memory = time.process_time() - begin, peak.megabytes()
     return {
         "robots": len(logs),
         "maps": found.n_maps,
-        "keyframes": pose_errors(found, only_keyframes=True),
-        "turns": pose_errors(found, only_keyframes=False),
+        "keyframes": pose_errors(plan.ways, only_keyframes=True),
+        "turns": pose_errors(plan.ways, only_keyframes=False),
         "n_keyframes": sum(len(track.keyframes.turns) for track in found.tracks),
         "scales": [round(track.scale, 5) for track in found.tracks],
         "clocks": [round(float(offset), 5) for offset in found.offsets],
         "lags": [round(track.lag, 5) for track in found.tracks],
         "links": links_of(found),
-        "occupancy": {f"{cell:g}": occupancy(found, arena, cell) for cell in (0.025, 0.05)},
+        "occupancy": {f"{cell:g}": occupancy(plan.ways, arena, cell) for cell in (0.025, 0.05)},
         "cpu": round(cpu, 2),
         "stages": {stage: round(seconds, 2) for stage, seconds in stages.items()},
         "cpu_minute": round(cpu / robot_minutes(logs), 3),
@@ -180,11 +184,12 @@ def real_row(log: str, seed: int, robots: int) -> dict[str, Any]:
     begin = time.process_time()
     logs = carmen_robots(log, seed, robots)
     found = map_swarm(logs, clock_search=0.0, seed=seed)
+    ways = plans_of(found)[0].ways
     return {
         "robots": robots,
         "maps": found.n_maps,
-        "relations": relations(found, seed),
-        "turns": pose_errors(found, only_keyframes=False),
+        "relations": relations(ways, seed),
+        "turns": pose_errors(ways, only_keyframes=False),
         "scales": [round(track.scale, 5) for track in found.tracks],
         "cpu": round(time.process_time() - begin, 1),
         "messages": list(found.messages),

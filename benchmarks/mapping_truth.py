@@ -8,32 +8,32 @@ import numpy as np
 from benchmarks.mapping_logs import mission_of
 from mercator_design import seeds
 from mercator_design.arrays import Floats
+from mercator_design.mapping.logs import RobotLog
 from mercator_design.mapping.merit.occupancy import agreement
 from mercator_design.mapping.merit.trajectories import near_pairs, relative_error, swarm_error
+from mercator_design.mapping.plan.occupancy import occupancy_of
+from mercator_design.mapping.plan.ways import Way
 from mercator_design.mapping.poses import between, interpolate, transform, wrap
-from mercator_design.mapping.swarm import SwarmMap
 from mercator_design.mapping.track import Track
 from mercator_design.missions.walls import walls_above
 
 _LIDAR_HEIGHT = 0.154
 
 
-def truth_of(track: Track) -> Floats:
-    """The true poses (n, 3) at the turns of a track."""
-    times, poses = track.log.truth_times, track.log.truth
-    if times is None or poses is None:
-        raise ValueError(f"{track.log.name} has no true poses")
-    return interpolate(times, poses, track.times)
+def truth_of(log: RobotLog, times: Floats) -> Floats:
+    """The true poses (n, 3) of a robot at times on its clock."""
+    if log.truth_times is None or log.truth is None:
+        raise ValueError(f"{log.name} has no true poses")
+    return interpolate(log.truth_times, log.truth, times)
 
 
-def pose_errors(found: SwarmMap, *, only_keyframes: bool) -> dict[str, float]:
-    """The absolute error in the largest map; millimetres and degrees."""
+def pose_errors(ways: Sequence[Way], *, only_keyframes: bool) -> dict[str, float]:
+    """The absolute error of the ways of one map; millimetres and degrees."""
     estimated, true = [], []
-    for number, turns in found.turns_of(0):
-        track = found.tracks[number]
-        rows = np.intersect1d(turns, track.keyframes.turns) if only_keyframes else turns
-        estimated.append(track.poses[rows])
-        true.append(truth_of(track)[rows])
+    for way in ways:
+        rows = way.is_keyframe if only_keyframes else np.ones(len(way.times), dtype=np.bool_)
+        estimated.append(way.poses[rows])
+        true.append(truth_of(way.log, way.times[rows]))
     error = swarm_error(estimated, true)
     return {
         "rmse": round(1e3 * error.rmse, 3),
@@ -45,7 +45,7 @@ def pose_errors(found: SwarmMap, *, only_keyframes: bool) -> dict[str, float]:
 
 def aligned(track: Track) -> Floats:
     """The pose of a track's frame in that of the truth; the rotation is that of the headings."""
-    true = truth_of(track)
+    true = truth_of(track.log, track.times)
     turned = wrap(true[:, 2] - track.poses[:, 2])
     angle = float(np.arctan2(np.sin(turned).mean(), np.cos(turned).mean()))
     moved = transform(np.array([0.0, 0.0, angle]), track.poses[:, :2])
@@ -74,25 +74,19 @@ def open_walls(arena: str) -> Floats:
     return np.array(found)
 
 
-def occupancy(found: SwarmMap, arena: str, cell: float) -> dict[str, float]:
-    """The agreement of the occupied cells of the largest map with the walls, within a cell."""
-    from mercator_design.mapping.plan.occupancy import occupancy_of
-    from mercator_design.mapping.plan.ways import ways_of
-
-    ways = ways_of(found, 0)
-    estimated = [found.tracks[number].poses[turns] for number, turns in found.turns_of(0)]
-    true = [truth_of(found.tracks[number])[turns] for number, turns in found.turns_of(0)]
-    alignment = swarm_error(estimated, true).alignment
+def occupancy(ways: Sequence[Way], arena: str, cell: float) -> dict[str, float]:
+    """The agreement of the occupied cells of one map with the walls, within a cell."""
+    true = [truth_of(way.log, way.times) for way in ways]
+    alignment = swarm_error([way.poses for way in ways], true).alignment
     score = agreement(transform(alignment, occupancy_of(ways, cell).centres), open_walls(arena), cell)
     return {"precision": round(score.precision, 4), "recall": round(score.recall, 4), "f1": round(score.f1, 4)}
 
 
-def relations(found: SwarmMap, seed: int) -> dict[str, float]:
-    """The errors of relative poses in the largest map, of near scans that are far apart in the log."""
-    parts = [(found.tracks[number], turns) for number, turns in found.turns_of(0)]
-    estimated = np.concatenate([track.poses[turns] for track, turns in parts])
-    true = np.concatenate([truth_of(track)[turns] for track, turns in parts])
-    scans = np.concatenate([track.times[turns] for track, turns in parts])
+def relations(ways: Sequence[Way], seed: int) -> dict[str, float]:
+    """The errors of relative poses in one map, of near scans that are far apart in the log."""
+    estimated = np.concatenate([way.poses for way in ways])
+    true = np.concatenate([truth_of(way.log, way.times) for way in ways])
+    scans = np.concatenate([way.times for way in ways])
     order = np.argsort(scans, kind="stable")
     pairs = near_pairs(true[order], seeds.generator(seed, "relations"), nearer=2.0, apart=30, limit=8000)
     apart = np.abs(scans[order][pairs[:, 0]] - scans[order][pairs[:, 1]]) >= 30.0

@@ -7,6 +7,7 @@ from mercator_design.fsm.pfsm import Pfsm, Program, State
 from mercator_design.fsm.space.grammar import from_pfsm, parameters_of, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure
 from mercator_design.fsm.text import parse, to_text
+from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
 from mercator_design.modules.architecture import Architecture
@@ -43,5 +44,6 @@ PFSM = Architecture(
     active=lambda pfsm: range(len(pfsm.states)),
     activity=lambda *_: (),
     explanation=explanation,
+    difference=difference,
     reason=_condition,
 )

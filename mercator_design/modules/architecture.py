@@ -6,7 +6,7 @@ them. All else (simulator, races, robots, files) knows control software by these
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from mercator_design.modules.drawing import Draws, Usable
 from mercator_design.modules.grammar import GrammarParameter, Value
@@ -70,14 +70,6 @@ def outputs_of(software: Software) -> frozenset[str]:
     return frozenset({"wheels"}).union(*(one.module.sets for _, one in software.nodes))
 
 
-def out_of_domain(software: Software, warn: Warn) -> None:
-    """Warn of each parameter of a module that is outside its domain."""
-    for place, one in software.nodes:
-        for parameter, value in zip(one.module.parameters, one.parameters, strict=True):
-            if not parameter.contains(value):
-                warn(f"{place}: {parameter.name} of {one.module.name} is {value:g}, not {parameter.domain}")
-
-
 class Meaning(Protocol):
     """The meaning of configurations, as `race.space.space.Structure`."""
 
@@ -86,6 +78,19 @@ class Meaning(Protocol):
     def neighbour(self, configuration: Mapping[str, Value], draws: Draws) -> dict[str, Value]: ...
 
     def simple(self, draws: Draws) -> Sequence[dict[str, Value]]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How control software differs from other of its architecture.
+
+    kind: "same"; "renumbered": the same but for an order that has no effect; "equivalent": they do the same, but have
+        different parts without effect; "different".
+    changes: A sentence for each change from the first to the second; none if they are the same.
+    """
+
+    kind: Literal["same", "renumbered", "equivalent", "different"]
+    changes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,5 +126,7 @@ class Architecture:
     says it all."""
     explanation: Callable[[Any, Sequence[str], KnownSwarm], str]
     """`explanation(software, names, swarm)`: what robots with control software do, in sentences."""
+    difference: Callable[[Any, Any, Sequence[str], Sequence[str]], Difference]
+    """`difference(software, other, names, other_names)`: how two differ, in words."""
     reason: Callable[[Any, ReferenceModel, int, Readings, Sequence[float]], str]
     """`reason(software, model, active, readings, draws)`: why another part becomes active, in a word; or nothing."""

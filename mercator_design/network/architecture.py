@@ -7,6 +7,7 @@ from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.perception import MutableRow
 from mercator_design.network import words
 from mercator_design.network.control import network_cycle
+from mercator_design.network.difference import difference
 from mercator_design.network.grammar import from_network, parameters_of, to_network
 from mercator_design.network.network import FIRST, Network, NetworkProgram
 from mercator_design.network.text import parse, to_text
@@ -44,5 +45,6 @@ NETWORK = Architecture(
     active=lambda _: (0,),
     activity=_activations,
     explanation=_explanation,
+    difference=difference,
     reason=lambda *_: "",
 )

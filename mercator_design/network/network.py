@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Never
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.flavour import flavour_names, flavour_of
 from mercator_design.modules.perception import Row
 from mercator_design.modules.reference import senses_bits
 from mercator_design.network.inputs import INPUTS, N_INPUTS, Input
@@ -80,7 +80,9 @@ class Network:
     flavour: str = DEFAULT_FLAVOUR
 
     def __post_init__(self) -> None:
-        flavour_of(self.flavour, "network")
+        if flavour_of(self.flavour).architecture != "network":
+            known = ", ".join(flavour_names("network"))
+            raise FsmError(f"flavour: expected one of networks ({known}), found {self.flavour!r}")
         for problem in problems(self.all_nodes, self.genes):
             raise FsmError(problem.message)
 
@@ -124,6 +126,13 @@ class Network:
     def hidden(self) -> tuple[int, ...]:
         """The numbers of the hidden nodes."""
         return tuple(node.number for node in self.all_nodes if node.kind == "hidden")
+
+    @property
+    def names(self) -> dict[int, str]:
+        """What nodes are called, by their numbers."""
+        inputs = {number: one.name for number, one in self.inputs.items()}
+        outputs = {number: f"{wheel} wheel" for number, wheel in self.outputs.items()}
+        return {**inputs, **outputs, **{number: f"hidden node {number}" for number in self.hidden}}
 
     @property
     def nodes(self) -> Iterator[tuple[str, Never]]:

@@ -176,12 +176,10 @@ def leds(recording: Recording, lamps: Leds, cycles: Numbers) -> Floats:
 
     The lamps show what modules set, off at first; if none of the control software sets them, the state.
     """
+    numbers, colours = recording.history.states, [(*lamps.colors, (0, 0, 0))[k] for k in recording.part_colours]
     if "led_colour" in recording.sets:
-        shown = np.array([*LED_COLOURS.values()], dtype=float)[np.maximum(recording.history.led_colours[cycles], 0)]
-    else:
-        colours = np.array([*lamps.colors, (0, 0, 0)], dtype=float)  # -1 is the last
-        shown = colours[np.array(recording.part_colours)[recording.history.states[cycles]]]
-    return np.repeat(shown[:, :, np.newaxis], len(lamps.positions), axis=2)
+        numbers, colours = np.maximum(recording.history.led_colours, 0), [*LED_COLOURS.values()]
+    return np.repeat(np.array(colours, dtype=float)[numbers[cycles], np.newaxis], len(lamps.positions), axis=2)
 
 
 @_device()

@@ -13,6 +13,7 @@ from mercator_design.tree.space.grammar import Branch, from_tree, modules_of, pa
 from mercator_design.tree.space.structure import TreeStructure
 from mercator_design.tree.text import parse, to_text
 from mercator_design.tree.tree import Tree, TreeNode, TreeProgram, action, condition
+from mercator_design.tree.words.difference import difference
 from mercator_design.tree.words.explain import explanation
 
 
@@ -85,5 +86,6 @@ TREE = Architecture(
     active=acting_nodes,
     activity=_statuses,
     explanation=_explanation,
+    difference=difference,
     reason=_reason,
 )

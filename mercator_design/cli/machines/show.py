@@ -64,10 +64,11 @@ def show(
     """Draw a PFSM as SVG, or write it as Graphviz text, Mermaid, TikZ, fsm.yaml or fsm.txt.
 
     fsm.yaml and fsm.txt hold the same: `mdesign fsm show fsm.txt -o fsm.yaml` makes one of the other, without loss.
-    A network is drawn, or written as a genome (NEAT's file).
+    A behaviour tree has the same forms but fsm.yaml. A network is drawn, or written as fsm.txt or a genome (NEAT's
+    file).
 
-    With --mission, the picture has the share of time that robots are in each state, and how often each of them changes
-    from one state to another, in experiments on fresh instances.
+    With --mission, the picture of a PFSM has the share of time that robots are in each state, and how often each of
+    them changes from one state to another, in experiments on fresh instances.
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     if form is None:

@@ -1,6 +1,7 @@
-"""mdesign fsm simplify: removes what does not matter from a PFSM."""
+"""mdesign fsm simplify: removes what does not matter from a PFSM, and what has no effect from a behaviour tree."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -17,6 +18,7 @@ from mercator_design.command import (
     print_result,
     read_controller,
 )
+from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.executors.executor import in_order
@@ -26,10 +28,16 @@ from mercator_design.results.analysis.simplification import simplify as simplifi
 from mercator_design.seeds import instance_seed
 from mercator_design.show.text.progress import Display
 from mercator_design.show.text.simplification import evidence, simplification_page
-from mercator_design.sim.checks.no_effect import dead_transitions
+from mercator_design.sim.checks.no_effect import can_fire, dead_transitions
+from mercator_design.software.architectures import architecture_of, text_of
 from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
+from mercator_design.tree.space.grammar import shape_of
+from mercator_design.tree.space.structure import canonical
+from mercator_design.tree.tree import Tree
+from mercator_design.tree.words.difference import difference
 
+_YAML = {".yaml", ".yml"}
 _OF_THE_ORIGINAL = {"score", "spread", "score in the race", "configuration"}
 """Entries of a header that are not true of a simpler PFSM."""
 
@@ -74,9 +82,19 @@ def simplify(
     are compared with FSM, in the order of the steps: the first that may be worse by the margin or more ends the removal
     (paired t-tests of non-inferiority; the probability of a wrong removal is 0.05 at most).
 
+    A behaviour tree of the shape that races design is only brought into its canonical form: without conditions that
+    cannot succeed, on its mission if one is known, and without branches that are never reached. Nothing is run. Other
+    trees, and networks, are refused.
+
     The header of the written file has the evidence. With the same seed, the result is the same.
     """
     file = read_controller(fsm, flavour, lenient=False)
+    if isinstance(file.software, Tree):
+        _simplify_tree(fsm, file, file.software, output, given)
+        return
+    if not isinstance(file.software, Pfsm):
+        noun = architecture_of(file.software.flavour).noun
+        raise FsmError(f"{fsm}: expected a PFSM or a behaviour tree, found a {noun}, which has no states to remove")
     simulator = simulator_of(fsm, file, given)
     warn_of_mission(simulator, refuse=False)
     simulator.check(file.pfsm)
@@ -108,8 +126,29 @@ def simplify(
     usual = file.names == state_names(file.pfsm)
     names = () if usual else tuple(file.names[i] for i in found.kept_states)
     simpler = FsmFile(software=found.simpler, header=header, names=names)
-    is_yaml = output.suffix.lower() in {".yaml", ".yml"}
+    is_yaml = output.suffix.lower() in _YAML
     text = fsm_yaml_text(simpler) if is_yaml else fsm_file_text(simpler.pfsm, simpler.header, simpler.names)
     with writing(output):
         write_text(output, text)
     print_result(simplification_page(found, loaded.score), nl=False)
+
+
+def _simplify_tree(fsm: Path, file: FsmFile, tree: Tree, output: Path, given: Given) -> None:
+    """Write the canonical form of a tree, and print how it differs."""
+    if output.suffix.lower() in _YAML:
+        raise click.UsageError("fsm.yaml is a form of PFSMs: give a name that ends in .txt")
+    if shape_of(tree) is None:
+        expected = "expected a sequence* of branches, each a selector of conditions and an action with p = 0"
+        raise FsmError(f"{fsm}: {expected}; other behaviour trees have no canonical form")
+    if given["mission"] is None and "mission" not in file.header:
+        found = canonical(tree)
+    else:
+        simulator = simulator_of(fsm, file, given)
+        model = simulator.robot_model.with_flavour(tree.flavour)
+        found = canonical(tree, partial(can_fire, simulator.mission, model))
+    header = {key: value for key, value in file.header.items() if key not in _OF_THE_ORIGINAL}
+    header |= {"simplified from": text_of(tree), "simplified": "to its canonical form"}
+    with writing(output):
+        write_text(output, fsm_file_text(found, header))
+    changes = difference(tree, found).changes
+    print_result("\n".join([*(changes or ["it is in its canonical form"]), text_of(found)]))

@@ -2,14 +2,13 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.structure import canonical
+from mercator_design.modules.architecture import Difference
+from mercator_design.modules.flavour import same_constants
 from mercator_design.modules.words import named_values, with_parameters
-
-Kind = Literal["same", "renumbered", "equivalent", "different"]
 
 _OTHER_MODULE = 4.0
 _OTHER_TARGET = 2.0
@@ -17,28 +16,20 @@ _ONE_LESS = 6.0
 """What a change counts when states and transitions are matched; a parameter counts 0.5 to 1.5."""
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """How a PFSM differs from another.
-
-    kind: "same"; "renumbered": the same but for the order of states and transitions; "equivalent": the same but for
-        states that cannot be reached; "different".
-    changes: A sentence for each change from the first to the second; none if they are the same.
-    """
-
-    kind: Kind
-    changes: tuple[str, ...]
-
-
 def difference(one: Pfsm, other: Pfsm, names: Sequence[str], other_names: Sequence[str]) -> Difference:
-    """How a PFSM, with its names of states, differs from one other."""
+    """How a PFSM, with its names of states, differs from one other.
+
+    They are equivalent if they are the same but for states that cannot be reached.
+    """
     match = _match(one, other)
     changes = tuple(_changes(one, other, names, other_names, match))
     if (one.flavour, one.states) == (other.flavour, other.states):
         return Difference("same", ())
     if not changes:
         return Difference("renumbered", ())
-    alike = canonical(one) == canonical(replace(other, flavour=one.flavour))
+    alike = same_constants(one.flavour, other.flavour) and (
+        canonical(one) == canonical(replace(other, flavour=one.flavour))
+    )
     return Difference("equivalent" if alike else "different", changes)
 
 

@@ -53,7 +53,7 @@ def network_svg(
         caption: Lines below the picture.
         narrow: Whether columns are closer together, for the side of a page.
     """
-    places, named = _places(network, 0.5 * _COLUMN if narrow else _COLUMN), _names(network)
+    places, named = _places(network, 0.5 * _COLUMN if narrow else _COLUMN), network.names
     genes = sorted(network.enabled, key=lambda gene: abs(gene.weight))  # the strongest are on top
     heaviest = max((abs(gene.weight) for gene in genes), default=1.0) or 1.0
     legend = ["Solid blue: positive, dashed orange: negative;", f"the widest line is a weight of {heaviest:.3g}"]
@@ -87,12 +87,6 @@ def network_svg(
         y = bottom + _LINE * k
         lines.append(f'<text class="faint" x="{_PAD:.1f}" y="{y:.1f}">{escaped(line)}</text>')
     return "\n".join([*lines, "</svg>", ""])
-
-
-def _names(network: Network) -> dict[int, str]:
-    inputs = {number: one.name for number, one in network.inputs.items()}
-    outputs = {number: f"{wheel} wheel" for number, wheel in network.outputs.items()}
-    return {**inputs, **outputs, **{number: f"hidden node {number}" for number in network.hidden}}
 
 
 def _places(network: Network, column_width: float) -> dict[int, _Place]:

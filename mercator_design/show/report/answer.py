@@ -10,6 +10,7 @@ from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words
+from mercator_design.network.network import Network
 from mercator_design.race.elimination.summary import CONFIDENCE, Headline
 from mercator_design.results.analysis.comparison import WinnerComparison
 from mercator_design.results.analysis.occupancy import occupancy
@@ -21,7 +22,7 @@ from mercator_design.show.markup import escaped
 from mercator_design.show.report.comparison import verdict
 from mercator_design.show.report.markup import Html, command, facts_list, figure, folded, note, section, text
 from mercator_design.sim.checks.lint import lint
-from mercator_design.software.architectures import architecture_of, text_of
+from mercator_design.software.architectures import architecture_of, part_names, text_of
 
 
 def answer(facts: Facts, comparison: WinnerComparison | None, traces: Sequence[Trace]) -> Html:
@@ -85,7 +86,7 @@ def _other(facts: Facts, best: int, software: Software) -> Html:
     if facts.mission is not None:
         swarm = KnownSwarm(facts.mission.control_period, facts.mission.robots)
         words = architecture.explanation(software, architecture.names(software), swarm)
-        found += folded("All of it in words", text(words))
+        found += _findings(software, facts) + folded("All of it in words", text(words))
     return Html(found + command(text_of(software), "winner"))
 
 
@@ -97,11 +98,17 @@ def _words(facts: Facts, pfsm: Pfsm) -> Html:
     names, swarm = state_names(pfsm), KnownSwarm(mission.control_period, mission.robots)
     does = dict.fromkeys(module_words(state.module, state.parameters, swarm) for state in pfsm.states)
     when = "; its conditions decide when" if len(does) > 1 else ""
-    findings = "".join(
-        f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in lint(pfsm, names, mission, model)
-    )
     return Html(
         note(f"A robot {'; or it '.join(does)}{when}.")
-        + (f"<ul>{findings}</ul>" if findings else "")
+        + _findings(pfsm, facts)
         + folded("All states and conditions in words", text(explanation(pfsm, names, swarm)))
     )
+
+
+def _findings(software: Software, facts: Facts) -> Html:
+    """What is superfluous in control software; nothing is known of networks."""
+    if isinstance(software, Network):
+        return Html()
+    found = lint(software, part_names(software), facts.mission, facts.robot_model)
+    lines = "".join(f"<li>{escaped(f'{one.place}: {one.message}')}</li>" for one in found)
+    return Html(f"<ul>{lines}</ul>" if lines else "")

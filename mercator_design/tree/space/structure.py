@@ -55,12 +55,18 @@ class TreeStructure:
         return from_branches(_canonical(branches, self._flavour, self._dead), self._flavour)
 
 
-def canonical(tree: Tree) -> Tree:
-    """The same tree in a form of its own, if it has the shape of those that are designed; else the tree."""
+def canonical(tree: Tree, can_fire: Usable = always) -> Tree:
+    """The same tree in a form of its own, if it has the shape of those that are designed; else the tree.
+
+    Args:
+        tree: The tree.
+        can_fire: Whether a condition can fire at all, as of TreeStructure.
+    """
     branches = shape_of(tree)
     if branches is None:
         return tree
-    return replace(tree, root=tree_of(_canonical(branches, tree.flavour, ()), tree.flavour).root)
+    _, dead = firing(modules_of(tree.flavour)[1].values(), can_fire)
+    return replace(tree, root=tree_of(_canonical(branches, tree.flavour, dead), tree.flavour).root)
 
 
 def _canonical(branches: Sequence[Branch], flavour: str, dead: Collection[tuple[str, float]]) -> list[Branch]:

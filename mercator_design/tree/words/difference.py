@@ -1,37 +1,31 @@
 """How two behaviour trees differ, in words: subtrees are matched from the root down."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from difflib import SequenceMatcher
 from typing import Literal
 
+from mercator_design.modules.architecture import Difference
+from mercator_design.modules.flavour import same_constants
 from mercator_design.modules.words import named_values, value_of
 from mercator_design.tree.space.structure import canonical
 from mercator_design.tree.tree import SUCCESS, Tree, TreeNode, place_of
 from mercator_design.tree.words.explain import node_words
 
 
-@dataclass(frozen=True, slots=True)
-class TreeDifference:
-    """How a tree differs from another.
+def difference(one: Tree, other: Tree, *_: Sequence[str]) -> Difference:
+    """How a tree differs from one other; nodes are called by their identifiers in the first.
 
-    kind: "same"; "equivalent": the same but for the order of conditions in a branch and for what is never reached;
-        "different".
-    changes: A sentence for each change from the first to the second; none if they are the same.
+    They are equivalent if they are the same but for the order of conditions in a branch and for what is never reached.
     """
-
-    kind: Literal["same", "equivalent", "different"]
-    changes: tuple[str, ...]
-
-
-def difference(one: Tree, other: Tree) -> TreeDifference:
-    """How a tree differs from one other; nodes are called by their identifiers in the first."""
     if (one.flavour, one.root) == (other.flavour, other.root):
-        return TreeDifference("same", ())
+        return Difference("same", ())
     flavour = (f"the flavour is {other.flavour}, was {one.flavour}",) if one.flavour != other.flavour else ()
-    alike = canonical(one) == canonical(replace(other, flavour=one.flavour))
+    alike = same_constants(one.flavour, other.flavour) and (
+        canonical(one) == canonical(replace(other, flavour=one.flavour))
+    )
     kind: Literal["equivalent", "different"] = "equivalent" if alike else "different"
-    return TreeDifference(kind, (*flavour, *_changes("", one.root, other.root)))
+    return Difference(kind, (*flavour, *_changes("", one.root, other.root)))
 
 
 def _changes(identifier: str, old: TreeNode, new: TreeNode) -> Iterator[str]:

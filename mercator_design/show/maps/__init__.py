@@ -1,1 +1,0 @@
-"""Maps of swarms as files for people and other programs."""

@@ -42,7 +42,7 @@ HALF = 4.0
 BODY, SPEED = 0.143, 0.3
 PERIOD, AFTER = 0.1, 0.037
 """[s] of control cycles; and when they begin, after the RVR has streamed."""
-SENSES = ("proximity", "neighbours", "ground")
+SENSES = ("proximity", "neighbours", "ground", "heading", "odometry", "ranges")
 
 _MISSION = """
 schema: 1
@@ -148,6 +148,16 @@ def angles_off(moments: Iterable[Moment], least: float = 0.02) -> list[float]:
     return found
 
 
+def motion_off(moments: Iterable[Moment]) -> Floats:
+    """By how much heading [rad] and place [m] differ (cycles, 2)."""
+    found = []
+    for simulated, perceived, *_ in moments:
+        turn = math.remainder(simulated.heading - perceived.heading, math.tau)
+        x, y = simulated.odometry_x - perceived.odometry_x, simulated.odometry_y - perceived.odometry_y
+        found.append((abs(turn), math.hypot(x, y)))
+    return np.array(found)
+
+
 def moved(wheels: Callable[[int], Actions], cycles: int) -> tuple[Floats, Floats]:
     """Where the same commands lead a robot (cycles, 3): in the simulator, and on the twin."""
     at_rest: Sequence[Pose] = [(0.0, 0.0, 0.0)]
@@ -222,6 +232,19 @@ def in_front(readings: Readings) -> bool:
     return readings.proximity_x >= 0.0 and obstacle(readings)[0] >= MERCATOR.reference_model.obstacle_threshold
 
 
+def _motion() -> None:
+    print("\n| drives for 10 s | heading: median, most | place: median, most |\n|---|---|---|")
+    for name, wheels in (
+        ("straight on", drive(1.0, 1.0)),
+        ("a curve, 0.2 and 1", drive(0.2, 1.0)),
+        ("on the spot", drive(-1.0, 1.0)),
+    ):
+        turns, ways = motion_off(driven(World([(-3.0, -1.0, 0.5)]), [wheels], 10.0)).T
+        cells = [f"{np.degrees(value):.2f}°" for value in (np.median(turns), turns.max())]
+        places = [f"{1000.0 * value:.1f} mm" for value in (np.median(ways), ways.max())]
+        print(f"| {name} | {', '.join(cells)} | {', '.join(places)} |")
+
+
 def _way() -> None:
     print("\n| towards a wall at full speed: distance | simulator | robot |\n|---|---|---|")
     for moment in [*driven(World([(HALF - 1.1, 0.0, 0.0)]), [drive(1.0, 1.0)], 3.0)][-7:]:
@@ -249,6 +272,7 @@ def _way() -> None:
 def main() -> None:
     _still()
     _moving()
+    _motion()
     _way()
 
 

@@ -24,6 +24,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
         "mercator_design.cli.machines.fsm", "Draw, explain, check, simplify and compare PFSMs.", is_light=True
     ),
     "jobs": LazyVerb("mercator_design.serve.cli.jobs", "List and change the jobs of a service."),
+    "map": LazyVerb("mercator_design.cli.views.mapping", "Make a map of what the lidars of robots saw."),
     "missions": LazyVerb("mercator_design.cli.missions", "List, show and draw missions, and make random ones."),
     "plot": LazyVerb("mercator_design.cli.views.plot", "Plot trajectories, presence, states, distances and score."),
     "race": LazyVerb("mercator_design.cli.races.race", "Design control software for a mission."),

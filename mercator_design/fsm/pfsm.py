@@ -1,8 +1,7 @@
 """The probabilistic finite-state machine: its structure, what makes it valid, and its tables for the kernels."""
 
 import itertools
-import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -98,16 +97,16 @@ class Pfsm:
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        flavour = flavour_of(self.flavour)
+        flavour = flavour_of(self.flavour, "pfsm")
         max_states, max_transitions = flavour.limit("states"), flavour.limit("transitions")
-        behaviours, conditions = flavour.numbers_of("behaviour"), flavour.numbers_of("condition")
         if not 1 <= len(self.states) <= max_states:
             raise FsmError(f"expected 1 to {max_states} states, found {len(self.states)}")
         for i, state in enumerate(self.states):
-            self._check_module(f"state {i}", BEHAVIOURS, behaviours, state.behaviour, state.parameters)
+            place = f"state {i}"
+            flavour.check_module(place, "behaviour", state.behaviour, state.parameters, any_domain=self.any_domain)
             if len(state.transitions) > max_transitions:
                 raise FsmError(
-                    f"state {i}: expected at most {max_transitions} transitions, found {len(state.transitions)}"
+                    f"{place}: expected at most {max_transitions} transitions, found {len(state.transitions)}"
                 )
             for j, transition in enumerate(state.transitions):
                 place = f"state {i}, transition {j}"
@@ -116,21 +115,8 @@ class Pfsm:
                         f"{place}: the target must be another one of the states 0 to {len(self.states) - 1}, "
                         f"found {transition.target}"
                     )
-                self._check_module(place, CONDITIONS, conditions, transition.condition, transition.parameters)
-
-    def _check_module(
-        self, place: str, table: Mapping[str, Module], known: Collection[str], name: str, values: tuple[float, ...]
-    ) -> None:
-        if name not in known:
-            kind = "behaviour" if table is BEHAVIOURS else "condition"
-            raise FsmError(f"{place}: {self.flavour} has no {kind} {name!r}; it has {', '.join(known)}")
-        parameters = table[name].parameters
-        if len(values) != len(parameters):
-            raise FsmError(f"{place}: {name} takes {len(parameters)} parameters, found {len(values)}")
-        for parameter, value in zip(parameters, values, strict=True):
-            if not math.isfinite(value) or not (self.any_domain or parameter.contains(value)):
-                raise FsmError(
-                    f"{place}: parameter {parameter.name} of {name} must be {parameter.domain}, found {value:g}"
+                flavour.check_module(
+                    place, "condition", transition.condition, transition.parameters, any_domain=self.any_domain
                 )
 
     def __repr__(self) -> str:

@@ -8,22 +8,23 @@ program crashes on or silently reads as something else is refused, with the toke
 A caller who passes `tolerate` hears of each such thing instead, and gets what the original would have run.
 """
 
-import contextlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import Pfsm, State, Transition, absolute_target, relative_target
-from mercator_design.modules.architecture import Warn
-from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_names, flavour_of
+from mercator_design.modules.architecture import Warn, out_of_domain
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, Flavour, flavour_of, other_flavour
 from mercator_design.modules.module import Module
 from mercator_design.modules.tokens import FlagReader, OriginalReader, flags_of, tokens_of, values_text
 
 
 def _known_flags(flavour: Flavour) -> re.Pattern[str]:
     """All flags of a flavour's texts."""
-    of_states = "|".join(sorted({"s", "n"} | flags_of(flavour.numbered("behaviour").values())))
-    of_transitions = "|".join(sorted({"n", "c"} | flags_of(flavour.numbered("condition").values())))
+    of_states, of_transitions = (
+        "|".join(sorted(flavour.reserved_flags(kind) | flags_of(flavour.numbered(kind).values())))
+        for kind in ("behaviour", "condition")
+    )
     return re.compile(rf"--(?:nstates|(?:{of_states})[0-9]+|(?:{of_transitions})[0-9]+x[0-9]+)")
 
 
@@ -39,37 +40,21 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming token, state and transition.
     """
-    known = flavour_of(flavour)
+    known = flavour_of(flavour, "pfsm")
     given = tokens = tokens_of(line, "--fsm-config")
     if tolerate:
         tokens = _as_original(tokens, known, tolerate)
     try:
         pfsm = _TokenReader(tokens, known, any_domain=tolerate is not None).pfsm()
     except FsmError as error:
-        lenient = tolerate is not None
-        hint = other_flavour(flavour, lambda other: _TokenReader(given, flavour_of(other), any_domain=lenient).pfsm())
-        raise FsmError(f"{error}{hint}") from None
+
+        def read(other: str) -> Pfsm:
+            return _TokenReader(given, flavour_of(other), any_domain=tolerate is not None).pfsm()
+
+        raise FsmError(f"{error}{other_flavour(flavour, 'pfsm', read)}") from None
     if tolerate:
         out_of_domain(pfsm, tolerate)
     return pfsm
-
-
-def other_flavour(flavour: str | None, read: Callable[[str], object]) -> str:
-    """What to say of a PFSM that cannot be read in its flavour, but in another; empty if it fits none."""
-    for other in flavour_names("pfsm"):
-        if other != flavour:
-            with contextlib.suppress(FsmError):
-                read(other)
-                return f"; it fits the flavour {other}: give that flavour"
-    return ""
-
-
-def out_of_domain(pfsm: Pfsm, warn: Warn) -> None:
-    """Warn of each parameter that is outside its domain."""
-    for place, one in pfsm.nodes:
-        for parameter, value in zip(one.module.parameters, one.parameters, strict=True):
-            if not parameter.contains(value):
-                warn(f"{place}: {parameter.name} of {one.module.name} is {value:g}, not {parameter.domain}")
 
 
 def to_text(pfsm: Pfsm) -> str:

@@ -70,6 +70,14 @@ def outputs_of(software: Software) -> frozenset[str]:
     return frozenset({"wheels"}).union(*(one.module.sets for _, one in software.nodes))
 
 
+def out_of_domain(software: Software, warn: Warn) -> None:
+    """Warn of each parameter of a module that is outside its domain."""
+    for place, one in software.nodes:
+        for parameter, value in zip(one.module.parameters, one.parameters, strict=True):
+            if not parameter.contains(value):
+                warn(f"{place}: {parameter.name} of {one.module.name} is {value:g}, not {parameter.domain}")
+
+
 class Meaning(Protocol):
     """The meaning of configurations, as `race.space.space.Structure`."""
 

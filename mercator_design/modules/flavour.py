@@ -4,36 +4,56 @@ A flavour is a YAML file. Shipped ones lie in scenarios/flavours/. Control softw
 name, and a process has one flavour of each name.
 """
 
+import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import mercator_design.modules.behaviours
 import mercator_design.modules.conditions  # noqa: F401 - which enter the shipped modules
 from mercator_design.config import shipped, spelling
 from mercator_design.config.loading import parse
-from mercator_design.config.schema import FieldError, Name, Range, check, describe, fields_of, unwrapped
+from mercator_design.config.schema import FieldError, Name, OneOf, Range, check, describe, fields_of, unwrapped
 from mercator_design.config.writing import digest_of
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import FsmError, excerpt
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.plugins.registries import Registry, register
 from mercator_design.system.files import small_text, text_of
 
 DEFAULT_FLAVOUR = "watermelon"
 _MAX_SIZE = 64 * 1024
-_LIMITS = {"pfsm": ("states", "transitions"), "network": ("weight",), "tree": ("branches", "conditions")}
-_USUAL_LIMITS = {"states": 4, "transitions": 4, "weight": 5, "branches": 4, "conditions": 1}
-_MAX_LIMIT = 16
 _OF_ROBOTS = ("neighbour_memory", "neighbour_count_memory", "ground_vote_cycles")
 """Constants by which a robot has room for what it remembers: a robot model alone sets them."""
 
 Number = Annotated[int, Range(0, 99)]
-Limit = Annotated[int, Range(1, _MAX_LIMIT)]
+Limit = Annotated[int, Range(1, 16)]
 Constant = Annotated[float, Range(-1e9, 1e9)]
+
+
+class _Rules(NamedTuple):
+    """The rules of an architecture for its flavours."""
+
+    limits: Mapping[str, tuple[int, int]]  # the largest number of something: the usual one, and what may be given
+    flags: Mapping[str, frozenset[str]]  # for each kind of its modules, letters that texts have for something else
+
+
+_OF_TREES = frozenset({"n", "nchild", "nc", "a", "c"})
+_RULES = {
+    "pfsm": _Rules(
+        {"states": (4, 16), "transitions": (4, 16)},
+        {"behaviour": frozenset({"s", "n"}), "condition": frozenset({"n", "c"})},
+    ),
+    "tree": _Rules(
+        {"branches": (4, 10), "conditions": (1, 9)},  # texts have at most 10 children of a node
+        {"behaviour": _OF_TREES | {"p"}, "condition": _OF_TREES},
+    ),
+    "network": _Rules({"weight": (5, 16)}, {}),
+}
+"""The architectures; software/architectures.py has their functions."""
 
 
 def _modules_exist(
@@ -56,16 +76,36 @@ def _modules_exist(
             first = next(one for one in given if given[one] == number)
             if numbers.count(number) > 1 and name != first:
                 yield FieldError(f"{key}.{name}", f"expected a number of its own, found {number}, that of {first}")
-        if given and architecture == "network":
-            yield FieldError(key, f"expected none, as a network has no modules, found {', '.join(given)}")
-    if not behaviours and architecture != "network":
+        if given and kind not in _RULES[architecture].flags:
+            yield FieldError(key, f"expected none, as a {architecture} has no modules, found {', '.join(given)}")
+    if not behaviours and _RULES[architecture].flags:
         yield FieldError("behaviours", "expected one behaviour at least, found none")
 
 
+def _parameters_are_told_apart(
+    architecture: str, behaviours: Mapping[str, int] | None, conditions: Mapping[str, int] | None
+) -> Iterator[FieldError]:
+    for key, given, table in (("behaviours", behaviours, BEHAVIOURS), ("conditions", conditions, CONDITIONS)):
+        taken = _RULES[architecture].flags.get(key.removesuffix("s"), frozenset())
+        known: dict[str, tuple[str, ModuleParameter]] = {}
+        for name in (name for name in given or {} if name in table):
+            for one in table[name].parameters:
+                other, same = known.setdefault(one.stem, (name, one))
+                if one.flag in taken:
+                    use = f"texts of a {architecture} have --{one.flag} for something else"
+                    yield FieldError(f"{key}.{name}", f"parameter {one.name}: {use}; call it otherwise")
+                if one != same:
+                    found = f"the parameter {same.name} of {other} is called {one.stem} in races, too"
+                    yield FieldError(f"{key}.{name}", f"parameter {one.name}: {found}; call one of them otherwise")
+
+
 def _limits_are_known(architecture: str, limits: Mapping[str, int] | None) -> Iterator[FieldError]:
-    for name in limits or {}:
-        if name not in _LIMITS[architecture]:
-            yield FieldError(f"limits.{name}", f"expected one of {', '.join(_LIMITS[architecture])}")
+    known = _RULES[architecture].limits
+    for name, value in (limits or {}).items():
+        if name not in known:
+            yield FieldError(f"limits.{name}", f"expected one of {', '.join(known)}")
+        elif value > known[name][1]:
+            yield FieldError(f"limits.{name}", f"expected an integer from 1 to {known[name][1]}, found {value}")
 
 
 def _designed_are_modules(
@@ -107,12 +147,18 @@ class Flavour(FromFile):
     """A flavour of control software."""
 
     KIND: ClassVar = "flavour"
-    CHECKS: ClassVar = (_modules_exist, _designed_are_modules, _limits_are_known, _constants_are_valid)
+    CHECKS: ClassVar = (
+        _modules_exist,
+        _parameters_are_told_apart,
+        _designed_are_modules,
+        _limits_are_known,
+        _constants_are_valid,
+    )
 
     schema: Literal[1] = 1  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what it is, in a line
-    architecture: Literal["pfsm", "network", "tree"] = "pfsm"  # what its control software is
+    architecture: Annotated[str, OneOf(tuple(_RULES))] = "pfsm"  # what its control software is
     limits: Mapping[str, Limit] | None = (
         None  # largest numbers: of states, transitions, branches (4 if not given), conditions (1), or a weight (5)
     )
@@ -131,7 +177,26 @@ class Flavour(FromFile):
 
     def limit(self, name: str) -> int:
         """The largest number of something."""
-        return (self.limits or {}).get(name, _USUAL_LIMITS[name])
+        return (self.limits or {}).get(name, _RULES[self.architecture].limits[name][0])
+
+    def check_module(self, place: str, kind: str, name: str, values: Sequence[float], *, any_domain: bool) -> None:
+        """Check a behaviour or a condition of control software at a place.
+
+        Raises:
+            FsmError: It does not exist in this flavour, or a parameter is missing, superfluous, or as `check` says.
+        """
+        known = self.numbers_of(kind)
+        if name not in known:
+            raise FsmError(f"{place}: {self.name} has no {kind} {name!r}; it has {', '.join(known)}")
+        parameters = (BEHAVIOURS if kind == "behaviour" else CONDITIONS)[name].parameters
+        if len(values) != len(parameters):
+            raise FsmError(f"{place}: {name} takes {len(parameters)} parameters, found {len(values)}")
+        for parameter, value in zip(parameters, values, strict=True):
+            parameter.check(place, name, value, any_domain=any_domain)
+
+    def reserved_flags(self, kind: str) -> frozenset[str]:
+        """Letters that its texts have for something else than parameters of its behaviours or conditions."""
+        return _RULES[self.architecture].flags[kind]
 
     def numbered(self, kind: str) -> dict[int, Module]:
         """Its behaviours or conditions by their numbers, in order of number."""
@@ -172,11 +237,11 @@ def flavour_names(architecture: str | None = None) -> tuple[str, ...]:
     return tuple(name for name in names if architecture in {None, flavour_of(name).architecture})
 
 
-def flavour_of(name: str) -> Flavour:
+def flavour_of(name: str, architecture: str | None = None) -> Flavour:
     """The flavour of a name.
 
     Raises:
-        FsmError: There is none, or its file is not valid.
+        FsmError: There is none, its file is not valid, or it is not of the given architecture.
     """
     with _loading:
         if name not in _loaded:
@@ -184,7 +249,21 @@ def flavour_of(name: str) -> Flavour:
             if name not in files:
                 raise FsmError(f"flavour: expected one of {', '.join(flavour_names())}, found {excerpt(repr(name))}")
             _loaded[name] = flavour_from(files[name].read_text("utf-8"), str(files[name]))
-        return _loaded[name]
+        found = _loaded[name]
+    if architecture not in {None, found.architecture}:
+        known = ", ".join(flavour_names(architecture))
+        raise FsmError(f"flavour: expected one of {architecture}s ({known}), found {excerpt(repr(name))}")
+    return found
+
+
+def other_flavour(flavour: str | None, architecture: str, read: Callable[[str], object]) -> str:
+    """A hint on control software that cannot be read in its flavour, but in another; empty if it fits none."""
+    for other in flavour_names(architecture):
+        if other != flavour:
+            with contextlib.suppress(FsmError):
+                read(other)
+                return f"; it fits the flavour {other}: give that flavour"
+    return ""
 
 
 def same_constants(one: str, other: str) -> bool:

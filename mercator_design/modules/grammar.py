@@ -87,8 +87,7 @@ def module_parameters(table: Mapping[int, Module], index: str, chooser: str) -> 
     for number, module in table.items():
         for parameter in module.parameters:
             users.setdefault(parameter.stem, []).append(number)
-            if found.setdefault(parameter.stem, parameter) != parameter:
-                raise ValueError(f"{parameter.stem}: modules share this parameter, but its domains differ")
+            found[parameter.stem] = parameter
     for stem, parameter in found.items():
         low, high = parameter.sampled
         digits = 0 if parameter.integer else DIGITS

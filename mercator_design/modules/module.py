@@ -7,6 +7,7 @@ of them there are and by which numbers; plugins add more.
 """
 
 import inspect
+import math
 import re
 import typing
 from array import array
@@ -16,6 +17,7 @@ from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple, TypeVar, cast
 
 from mercator_design.config.schema import Range, comments_of, origin_of, sentence_of, unit_of
+from mercator_design.errors import FsmError
 from mercator_design.jit import jittable
 from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import OUTPUTS, SENSES, Readings, ReferenceModel
@@ -71,6 +73,15 @@ class ModuleParameter:
     def contains(self, value: float) -> bool:
         """Whether a value lies in the domain."""
         return self.low <= value <= self.high and (not self.integer or value == int(value))
+
+    def check(self, place: str, of: str, value: float, *, any_domain: bool) -> None:
+        """Check a value of this parameter `of` a module at a place.
+
+        Raises:
+            FsmError: It is not finite, or (unless `any_domain`) not in the domain.
+        """
+        if not math.isfinite(value) or not (any_domain or self.contains(value)):
+            raise FsmError(f"{place}: parameter {self.name} of {of} must be {self.domain}, found {value:g}")
 
 
 class KnownSwarm(NamedTuple):
@@ -310,7 +321,7 @@ def _parameter(module: str, name: str, kind: Any) -> ModuleParameter:  # noqa: A
 
 
 def _stem(module: str, parameter: str) -> str:
-    return re.sub(r"[^A-Z]", "", f"{module}{parameter}".upper())
+    return re.sub(r"[^A-Z0-9]", "", f"{module}{parameter}".upper())
 
 
 _TAKEN: tuple[Callable[..., Any], ...] = (

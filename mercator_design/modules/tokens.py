@@ -10,24 +10,23 @@ from mercator_design.modules.flavour import Flavour
 from mercator_design.modules.module import Module, ModuleParameter
 
 _MAX_WARNING = 200
-_MAX_TOKEN = 40
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _NOT_DECIMAL = re.compile(r"[+-]?(?:inf|nan|0x)", re.IGNORECASE)
 
 
-def tokens_of(line: str, lead: str) -> list[str]:
+def tokens_of(line: str, lead: str = "", *, longest: int = 40) -> list[str]:
     """The tokens of a command line, without a leading option such as --fsm-config.
 
     Raises:
-        FsmError: One of them is neither a flag nor a number.
+        FsmError: One of them is too long to be a flag or a number, or has other characters.
     """
     tokens = line.split()
     if tokens[:1] == [lead]:
         del tokens[0]
     for token in tokens:
-        if len(token) > _MAX_TOKEN or not token.isprintable():
-            raise FsmError(f"expected a flag or a number, found {token[:_MAX_TOKEN]!r}")
+        if len(token) > longest or not token.isprintable():
+            raise FsmError(f"expected a flag or a number, found {token[:longest]!r}")
     return tokens
 
 
@@ -37,8 +36,8 @@ def flags_of(modules: Iterable[Module]) -> set[str]:
 
 
 def number_text(value: float) -> str:
-    """A number as command lines have it."""
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+    """A number as command lines and genomes have it, so that it is read back as the same."""
+    return f"{value:.0f}" if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
 def values_text(module: Module, values: Sequence[float], index: str) -> list[str]:
@@ -117,7 +116,7 @@ class FlagReader:
         """The number that a text of a parameter `of` a module stands for; None is a missing one."""
         if text is None:
             raise FsmError(f"{place}: {flag}, the {parameter.name} of {of}, is missing")
-        if not (_INTEGER if parameter.integer else _NUMBER).fullmatch(text):
+        if not (_INTEGER if parameter.integer else NUMBER).fullmatch(text):
             raise FsmError(f"{place}: {flag}: expected {parameter.domain}, found {text!r}")
         if not (self.any_domain or parameter.contains(float(text))):
             raise FsmError(f"{place}: {flag}, the {parameter.name} of {of}: expected {parameter.domain}, found {text}")
@@ -163,7 +162,7 @@ class OriginalReader:
             return None
         self._used.update((at, at + 1))
         text = self.tokens[at + 1]
-        match = (_INTEGER if integer else _NUMBER).match(text)
+        match = (_INTEGER if integer else NUMBER).match(text)
         value = match.group() if match else "0"
         if not integer and _NOT_DECIMAL.match(text):
             value = text  # strtod makes a number of it that no controller means; the strict reader refuses it

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
+from mercator_design.modules.tokens import NUMBER, number_text
 from mercator_design.network.network import DEFAULT_FLAVOUR, KINDS, MAX_NUMBER, Gene, Network, NetworkNode, problems
 from mercator_design.system.files import small_text
 
 _MAX_SIZE = 16 * 1024 * 1024
 _INTEGER = re.compile(r"[+-]?[0-9]{1,10}")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_FITNESS = re.compile(rf"Fitness:\s*({_NUMBER.pattern})")
+_FITNESS = re.compile(rf"Fitness:\s*({NUMBER.pattern})")
 _BEGINS = re.compile(r"\s*(?:/\*|genomestart\b)")
 _TRAIT = "1 0.1 0 0 0 0 0 0 0"
 _OF_NODE = ("the number of the node", "its trait", "its type", "its place")
@@ -140,7 +140,7 @@ class _Reader:
                 raise FsmError(f"expected genomeend {self._started[1]}, as it began, found genomeend {number}")
             yield self._genome(int(number))
         elif keyword == "trait":
-            if not values or not all(map(_NUMBER.fullmatch, values)):
+            if not values or not all(map(NUMBER.fullmatch, values)):
                 raise FsmError(f"trait: expected numbers, found {excerpt(' '.join(values))!r}")
             self._traits.append(" ".join(values))
         elif keyword == "node":
@@ -202,7 +202,7 @@ def _checked(values: Sequence[str], names: Sequence[str], kinds: str) -> Sequenc
         if kind == "i":
             if not _INTEGER.fullmatch(value) or abs(int(value)) > MAX_NUMBER:
                 raise FsmError(f"{name}: expected a whole number, found {excerpt(value)!r}")
-        elif not _NUMBER.fullmatch(value) or not math.isfinite(float(value)):
+        elif not NUMBER.fullmatch(value) or not math.isfinite(float(value)):
             raise FsmError(f"{name}: expected a number, found {excerpt(value)!r}")
     return values
 
@@ -223,8 +223,3 @@ def genome_text(genome: Genome) -> str:
         ends = f"{gene.source} {gene.target} {weight} {recurrent} {innovation} {mutation} {int(gene.enabled)}"
         lines.append(f"gene {trait} {ends}")
     return "\n".join([*lines, f"genomeend {number}", ""])
-
-
-def number_text(value: float) -> str:
-    """A number so that it is read back as the same."""
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 and str(value) != "-0.0" else repr(value)

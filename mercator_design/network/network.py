@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Never
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_names, flavour_of
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.perception import Row
 from mercator_design.modules.reference import senses_bits
 from mercator_design.network.inputs import INPUTS, N_INPUTS, Input
@@ -80,9 +80,7 @@ class Network:
     flavour: str = DEFAULT_FLAVOUR
 
     def __post_init__(self) -> None:
-        if flavour_of(self.flavour).architecture != "network":
-            known = ", ".join(flavour_names("network"))
-            raise FsmError(f"flavour: expected one of networks ({known}), found {self.flavour!r}")
+        flavour_of(self.flavour, "network")
         for problem in problems(self.all_nodes, self.genes):
             raise FsmError(problem.message)
 

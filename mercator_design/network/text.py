@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.modules.architecture import Warn
-from mercator_design.network.genome import number_text
+from mercator_design.modules.tokens import NUMBER, number_text, tokens_of
 from mercator_design.network.inputs import N_INPUTS
 from mercator_design.network.network import (
     DEFAULT_FLAVOUR,
@@ -29,7 +29,6 @@ from mercator_design.network.network import (
 )
 
 _WEIGHT = re.compile(rf"--({'|'.join(OUTPUTS)})([1-9][0-9]*)")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NODE_NUMBER = re.compile(r"0|[1-9][0-9]{0,9}")
 _MAX_TOKEN = 60
 
@@ -53,10 +52,7 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming the token, or node and gene.
     """
-    tokens = line.split()
-    for token in tokens:
-        if len(token) > _MAX_TOKEN or not token.isprintable():
-            raise FsmError(f"expected a flag or a number, found {token[:_MAX_TOKEN]!r}")
+    tokens = tokens_of(line, longest=_MAX_TOKEN)
     if tokens[:1] == ["--nodes"]:
         return _any_network(tokens, flavour)
     return _perceptron(tokens, flavour)
@@ -127,6 +123,6 @@ def _genes(tokens: Iterable[str]) -> Iterator[Gene]:
 
 
 def _weight(place: str, text: str) -> float:
-    if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+    if not NUMBER.fullmatch(text) or not math.isfinite(float(text)):
         raise FsmError(f"{place}: expected a weight, found {excerpt(text) or 'the end of the text'!r}")
     return float(text)

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from mercator_design.errors import FsmError, excerpt
 from mercator_design.fsm.pfsm import Pfsm
-from mercator_design.fsm.text import other_flavour, out_of_domain
 from mercator_design.fsm.words.names import is_state_name
-from mercator_design.modules.architecture import Architecture, Software, Warn
-from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names
+from mercator_design.modules.architecture import Architecture, Software, Warn, out_of_domain
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR, flavour_names, other_flavour
 from mercator_design.network.genome import genomes_of, is_genome
 from mercator_design.network.network import DEFAULT_FLAVOUR as NETWORKS
 from mercator_design.software.architectures import ARCHITECTURES, architecture_of, text_of
@@ -145,7 +144,7 @@ def _read_yaml(text: str, label: str, flavour: str | None, tolerate: Warn | None
     try:
         named = parse_yaml(text, label, flavour, any_domain=lenient)
     except FsmError as error:
-        hint = other_flavour(flavour, lambda other: parse_yaml(text, label, other, any_domain=lenient))
+        hint = other_flavour(flavour, "pfsm", lambda other: parse_yaml(text, label, other, any_domain=lenient))
         raise FsmError(*error.messages[:-1], error.messages[-1] + hint) from None
     pfsm = named.pfsm(any_domain=lenient)
     if tolerate:
@@ -213,12 +212,12 @@ def parse_software(line: str, flavour: str, *, tolerate: Warn | None = None) -> 
     """
     try:
         software: Software = architecture_of(flavour).parse(line, flavour, tolerate=tolerate)
-    except FsmError as error:
+    except FsmError:
         for other in ARCHITECTURES.values():
             if other is not architecture_of(flavour) and (found := _flavours_of(line, other)):
                 noun, names = other.noun, " or ".join(found)
                 raise FsmError(f"this is a {noun} of {names}; use --flavour {found[0]}") from None
-        raise FsmError(*error.messages) from None
+        raise
     return software
 
 

@@ -10,7 +10,7 @@ from mercator_design.jit import jittable
 from mercator_design.modules.behaviours import behave, fail
 from mercator_design.modules.conditions import probability
 from mercator_design.modules.perception import MutableRow, Row, new_row
-from mercator_design.modules.reference import ACTIONS, SCRATCH, Readings, ReferenceModel
+from mercator_design.modules.reference import ACTIONS, ACTIVE, SCRATCH, Readings, ReferenceModel
 from mercator_design.tree.tree import (
     ACTION,
     CONDITION,
@@ -22,7 +22,7 @@ from mercator_design.tree.tree import (
     TreeProgram,
 )
 
-ACTING, STATUSES = 0, 1
+ACTING, STATUSES = ACTIVE, 1
 """Places in `memory`: the node that acts (0: none); from there on, the status of each node in this cycle."""
 
 _STARRED = (SELECTOR_STAR, SEQUENCE_STAR)

@@ -8,13 +8,12 @@ silently reads as something else is refused, with the token and the node. A call
 such thing instead, and gets what the original would have run.
 """
 
-import contextlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.architecture import Warn
-from mercator_design.modules.flavour import Flavour, flavour_names, flavour_of
+from mercator_design.modules.architecture import Warn, out_of_domain
+from mercator_design.modules.flavour import Flavour, flavour_of, other_flavour
 from mercator_design.modules.module import Module
 from mercator_design.modules.tokens import (
     FlagReader,
@@ -39,7 +38,6 @@ from mercator_design.tree.tree import (
     place_of,
 )
 
-_RESERVED = {"n", "nchild", "a", "c"}
 _MAX_ORIGINAL = 99
 """Children of a node in texts that only the original accepts."""
 _IN_BYTES = {"xi"}
@@ -58,7 +56,7 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     Raises:
         FsmError: naming token and node.
     """
-    known = flavour_of(flavour)
+    known = flavour_of(flavour, "tree")
     tokens = tokens_of(line, "--bt-config")
     if is_old(tokens):
         if tolerate is None:
@@ -70,38 +68,26 @@ def parse(line: str, flavour: str = DEFAULT_FLAVOUR, *, tolerate: Warn | None = 
     try:
         tree = _TokenReader(clean, known, any_domain=lenient).tree()
     except FsmError as error:
-        hint = _other_flavour(flavour, lambda other: _TokenReader(tokens, other, any_domain=lenient).tree())
-        raise FsmError(f"{error}{hint}") from None
+
+        def read(other: str) -> Tree:
+            return _TokenReader(tokens, flavour_of(other), any_domain=lenient).tree()
+
+        raise FsmError(f"{error}{other_flavour(flavour, 'tree', read)}") from None
     if tolerate:
+        only_original(tree, tolerate)
         out_of_domain(tree, tolerate)
     return tree
 
 
-def _other_flavour(flavour: str, read: Callable[[Flavour], object]) -> str:
-    """What to say of a tree that cannot be read in its flavour, but in another; empty if it fits none."""
-    for other in flavour_names("tree"):
-        if other != flavour:
-            with contextlib.suppress(FsmError):
-                read(flavour_of(other))
-                return f"; it fits the flavour {other}: give that flavour"
-    return ""
-
-
-def out_of_domain(tree: Tree, warn: Warn) -> None:
-    """Warn of each parameter that is outside its domain, and of numbers of children that only the original takes."""
+def only_original(tree: Tree, warn: Warn) -> None:
+    """Warn of numbers of children that only the original takes, and of each p that is no probability."""
     for identifier, node in tree.preorder:
         place = place_of(identifier)
         n = len(node.children)
         if not node.is_leaf and not 1 <= n <= MAX_CHILDREN:
             warn(f"{place}: it has {n} children, not 1 to {MAX_CHILDREN}")
-        if node.is_leaf:
-            known, values = [*node.module.parameters], [*node.parameters]
-            if node.kind == "action":
-                known.append(SUCCESS)
-                values.append(node.p)
-            for parameter, value in zip(known, values, strict=True):
-                if not parameter.contains(value):
-                    warn(f"{place}: {parameter.name} of {node.name} is {value:g}, not {parameter.domain}")
+        if not SUCCESS.contains(node.p):
+            warn(f"{place}: {SUCCESS.name} of {node.name} is {node.p:g}, not {SUCCESS.domain}")
 
 
 def to_text(tree: Tree) -> str:
@@ -123,26 +109,15 @@ def to_text(tree: Tree) -> str:
     return " ".join(words)
 
 
-def _checked_flags(kind: int, flavour: Flavour) -> set[str]:
-    """The letters of the parameters of a flavour's actions or conditions."""
-    modules = flavour.numbered("behaviour" if kind == ACTION else "condition").values()
-    own = {SUCCESS.flag} if kind == ACTION else set()
-    for module in modules:
-        for flag in sorted(flags_of([module]) & (_RESERVED | own)):
-            raise FsmError(
-                f"{flavour.name}: {module.name}: texts of trees use --{flag} for something else; name the "
-                "parameter otherwise"
-            )
-    return flags_of(modules) | own
-
-
 class _TokenReader(FlagReader):
     """Reads well-formed tokens."""
 
     def __init__(self, tokens: Sequence[str], flavour: Flavour, *, any_domain: bool) -> None:
         self._known = {ACTION: flavour.numbered("behaviour"), CONDITION: flavour.numbered("condition")}
-        self._flags = {kind: _checked_flags(kind, flavour) for kind in self._known}
-        letters = "|".join(sorted(_RESERVED.union(*self._flags.values())))
+        self._flags = {kind: flags_of(known.values()) for kind, known in self._known.items()}
+        self._flags[ACTION].add(SUCCESS.flag)
+        reserved = flavour.reserved_flags("behaviour") | flavour.reserved_flags("condition")
+        letters = "|".join(sorted(reserved.union(*self._flags.values())))
         flags = re.compile(rf"--(?:n(?:child)?root|(?:{letters})[0-9]+)")
         super().__init__(tokens, flags, "--nroot, --n0 or --p01", flavour, any_domain=any_domain)
 

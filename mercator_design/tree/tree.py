@@ -1,13 +1,12 @@
 """The behaviour tree: its nodes, what makes it valid, and its tables for the kernels."""
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_names, flavour_of
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, Module, ModuleParameter
 from mercator_design.modules.perception import Row
 from mercator_design.modules.reference import senses_bits
@@ -103,9 +102,7 @@ class Tree:
     any_domain: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        if flavour_of(self.flavour).architecture != "tree":
-            known = ", ".join(flavour_names("tree"))
-            raise FsmError(f"flavour: expected one of trees ({known}), found {self.flavour!r}")
+        flavour_of(self.flavour, "tree")
         if self.root.is_leaf:
             raise FsmError(f"the root: expected one of {', '.join(KINDS[:ACTION])}, found {self.root.kind!r}")
         seen = set()
@@ -134,19 +131,10 @@ class Tree:
 
     def _check_leaf(self, place: str, node: TreeNode) -> None:
         kind = "behaviour" if node.kind == "action" else "condition"
-        known = flavour_of(self.flavour).numbers_of(kind)
-        if node.name not in known:
-            raise FsmError(f"{place}: {self.flavour} has no {kind} {node.name!r}; it has {', '.join(known)}")
+        flavour_of(self.flavour).check_module(place, kind, node.name, node.parameters, any_domain=self.any_domain)
+        SUCCESS.check(place, node.name, node.p, any_domain=self.any_domain)
         if node.children:
             raise FsmError(f"{place}: expected no children of {node.kind} {node.name}, found {len(node.children)}")
-        parameters = node.module.parameters
-        if len(node.parameters) != len(parameters):
-            raise FsmError(f"{place}: {node.name} takes {len(parameters)} parameters, found {len(node.parameters)}")
-        for parameter, value in zip((*parameters, SUCCESS), (*node.parameters, node.p), strict=True):
-            if not math.isfinite(value) or not (self.any_domain or parameter.contains(value)):
-                raise FsmError(
-                    f"{place}: parameter {parameter.name} of {node.name} must be {parameter.domain}, found {value:g}"
-                )
         if node.kind == "condition" and node.p:
             raise FsmError(f"{place}: only an action has a probability p to succeed, found {node.p:g}")
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -10,7 +11,9 @@ from mercator_design.designer import flavour_space
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.space.grammar import from_pfsm, to_pfsm
 from mercator_design.fsm.space.structure import PfsmStructure, canonical
+from mercator_design.fsm.text import parse, to_text
 from mercator_design.modules.conditions import COLOUR_LABELS
+from mercator_design.modules.flavour import define_flavour
 from tests.fsm.strategies import pfsms
 
 GREEN, BLUE = (float(COLOUR_LABELS.index(name)) for name in ("green", "blue"))
@@ -175,3 +178,40 @@ def test_any_pfsm_is_reached_from_any_other():
 def test_the_same_draws_make_the_same_move():
     one, other = (neighbour(random_pfsm(4), np.random.default_rng(9)) for _ in range(2))
     assert one == other
+
+
+_TWO, _CONDITIONS = "{exploration: 0, stop: 1}", "{black floor: 0, neighbours count: 3}"
+
+
+@pytest.mark.usefixtures("registries")
+@pytest.mark.parametrize(
+    ("behaviours", "conditions", "states", "transitions"),
+    [
+        (_TWO, _CONDITIONS, 1, 4),
+        (_TWO, _CONDITIONS, 2, 1),
+        (_TWO, _CONDITIONS, 6, 6),
+        (_TWO, "{}", 4, 4),
+        ("{stop: 1}", _CONDITIONS, 3, 1),
+        ("{stop: 1}", "{}", 1, 1),
+    ],
+)
+def test_flavours_of_few_modules_or_other_limits_are_searched(behaviours, conditions, states, transitions):
+    define_flavour(
+        f"schema: 1\nlimits: {{states: {states}, transitions: {transitions}}}\nbehaviours: {behaviours}\n"
+        f"conditions: {conditions}\n",
+        "small",
+    )
+    space, structure, draws = flavour_space("small"), PfsmStructure("small"), np.random.default_rng(1)
+    found = [dict(space.build(lambda p, bounds: p.quantile(draws.random(), bounds))) for _ in range(30)]
+    near = structure.simple(draws)[0]
+    for _ in range(100):
+        near = structure.neighbour(near, draws)
+        assert structure.canonical(near) == near
+        found.append(near)
+    for configuration in found:
+        pfsm = to_pfsm(configuration, "small")
+        assert from_pfsm(pfsm) == configuration
+        line = " ".join(
+            f"{one.switch}{configuration[one.name]}" for one in space.parameters if one.name in configuration
+        )
+        assert parse(line, "small") == parse(to_text(pfsm), "small") == pfsm

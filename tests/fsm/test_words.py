@@ -12,6 +12,7 @@ from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.difference import difference
 from mercator_design.fsm.words.explain import explanation
 from mercator_design.fsm.words.names import state_names
+from mercator_design.modules.flavour import define_flavour
 from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, KnownSwarm
 from mercator_design.modules.words import module_words, with_parameters
 from tests.fsm.strategies import FLAVOURS, pfsms
@@ -69,6 +70,14 @@ def test_a_robot_has_no_more_neighbours_than_there_are_other_robots(robots, word
     assert found == f"the fewer neighbours the likelier: {words}"
     several = module_words(CONDITIONS["neighbours count"], (8.0, 10.38), KnownSwarm(0.1, robots))
     assert several.partition("cycle")[2] == found.partition("cycle")[2]
+
+
+@pytest.mark.usefixtures("registries")
+def test_the_constants_of_the_flavour_count():
+    text = "schema: 1\nbehaviours: {stop: 0}\nconditions: {neighbours count: 0}\nconstants: {count_wraps: 1}\n"
+    define_flavour(text, "wrapped")
+    states = (State("stop", (), (Transition("neighbours count", (3.0, 5.0), 1),)), State("stop", (), (BACK,)))
+    assert "but never with more than 3" in explanation(Pfsm(states, "wrapped"), ("a", "b"), KnownSwarm(0.1))
 
 
 def test_a_robot_alone_has_no_neighbours_to_go_to():

@@ -105,7 +105,7 @@ def test_jacobians_are_slopes_of_the_cost():
 def test_a_turn_comes_back_to_its_place():
     surfels, scan = room_map()
     wrong = np.array([0.06, -0.04, 0.05])
-    found = matching.Matcher().match(surfels, wrong, np.array([0.1, 0.1, 0.1]), scan, matching.Search())
+    found = matching.Matcher().match(surfels, wrong, np.array([0.1, 0.1, 0.1]), scan, matching.MatchSearch())
     assert found.pose == pytest.approx(0.0, abs=5e-4)
     assert found.share > 0.99
     assert found.ratio > 0.1
@@ -117,7 +117,7 @@ def test_walls_of_one_direction_leave_the_other_to_the_prior():
         surfels.insert(np.zeros(3), *wall_points(y=y, up=up, x=(-3, 3)))
     points = [np.concatenate(both) for both in zip(wall_points(y=-0.5, up=1.0), wall_points(y=0.5), strict=True)]
     found = matching.Matcher().match_points(
-        surfels, np.array([0.3, 0.02, 0.01]), np.array([0.02, 0.02, 0.02]), tuple(points), matching.Search()
+        surfels, np.array([0.3, 0.02, 0.01]), np.array([0.02, 0.02, 0.02]), tuple(points), matching.MatchSearch()
     )
     assert found.pose == pytest.approx([0.3, 0.0, 0.0], abs=1e-4)
     assert found.ratio < 1e-3
@@ -133,7 +133,11 @@ def test_the_centre_of_a_circle_leaves_the_heading_to_the_prior():
     noisy = angles + rng.normal(0, 0.05, 240)
     normals = -np.column_stack([np.cos(noisy), np.sin(noisy)])
     found = matching.Matcher().match_points(
-        surfels, np.array([0.02, 0.0, 0.1]), np.full(3, 0.05), (-1.2 * ring, normals, np.zeros(240)), matching.Search()
+        surfels,
+        np.array([0.02, 0.0, 0.1]),
+        np.full(3, 0.05),
+        (-1.2 * ring, normals, np.zeros(240)),
+        matching.MatchSearch(),
     )
     assert found.pose[:2] == pytest.approx(0.0, abs=1e-3)
     assert found.pose[2] == pytest.approx(0.1, abs=2e-3)

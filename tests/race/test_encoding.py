@@ -21,6 +21,7 @@ SPACES = {
     ),
     "logarithmic": parse_space('n "" i,log (1, 100)\nm "" i (1, 5) | n > 20\nk "" i,log (3, 90) | m > 2'),
     "fixed": parse_space('a "" c (x, y)\nf "" c (1) | a == "x"\nb "" i (1, 3) | f == 1\nc "" i (1, 3) | b > 1'),
+    "below what is fixed": parse_space('a "" c (x)\nb "" i (1, 3) | a == "x"\nc "" r (0, 1) | b > 1'),
     "many values": parse_space(
         'a "" i (1, 500)\nb "" i (1, 500)\nc "" c (u, v) | a > b\nd "" i ("a", 1000) | c == "u"'
     ),

@@ -214,8 +214,8 @@ class Devices(Surroundings):
         self.lidar_commands.append(command)
         return usual(command, now)
 
-    def _packet(self, usual, first, count):
-        return Packet(64, 64, (0,)).encode() if self.is_stuck else usual(first, count)
+    def _packet(self, usual, *of):
+        return Packet(64, 64, (0,)).encode() if self.is_stuck else usual(*of)
 
 
 def by_hand(is_on, kind, **values):

@@ -3,17 +3,19 @@
 import itertools
 import json
 import random
+import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
-from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
 from mercator_design.missions.trace import Trace
+from mercator_design.modules.flavour import define_flavour
 from mercator_design.results.analysis.occupancy import Occupancy, occupancy
 from mercator_design.seeds import generator
 from mercator_design.show.machines.diagram import _arrows, _box_lines, diagram_svg
@@ -107,6 +109,22 @@ def test_tikz():
     assert r"\node[state, initial] (s0) at (0, 0) {search\_1 \\ exploration \\ tau 20 cycles};" in text
     assert r"\path (s0) edge node[condition, pos=0.35] {black floor, beta 0.5 per cycle} (s1);" in text
     assert text.count("{") == text.count("}")
+
+
+@pytest.mark.parametrize("n", [5, 7, 16])
+@pytest.mark.usefixtures("registries")
+def test_more_than_four_states(n):
+    text = "schema: 1\nlimits: {states: 16}\nbehaviours: {stop: 0}\nconditions: {fixed probability: 0}\n"
+    define_flavour(text, "large")
+    draws = random.Random(n)
+    others = [[k for k in range(n) if k != i] for i in range(n)]
+    edges = [[Transition("fixed probability", (0.5,), draws.choice(own)) for _ in range(2)] for own in others]
+    pfsm = Pfsm(tuple(State("stop", (), tuple(own)) for own in edges), "large")
+    for narrow in (False, True):
+        assert parts(diagram_svg(pfsm, narrow=narrow), "data-state") == {str(k) for k in range(n)}
+    boxes = laid_out([["stop"]] * n, _arrows(pfsm, None)).boxes
+    assert not any(one.covers(other) for one, other in itertools.combinations(boxes, 2))
+    assert len(set(re.findall(r" at (\(\d+, -?\d+\)) ", to_tikz(pfsm, state_names(pfsm))))) == n
 
 
 class TestVerb:

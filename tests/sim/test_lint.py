@@ -3,14 +3,17 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 
+from mercator_design.config.schema import Range
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.fsm.text import parse
 from mercator_design.fsm.words.names import state_names
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.flavour import enter_flavour, flavour_from
+from mercator_design.modules.module import condition
 from mercator_design.sim.checks.lint import lint
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Uniform
@@ -51,6 +54,29 @@ def test_conditions_on_other_senses_are_not_judged():
     edges = (Transition("obstacle", (1.0,), 1), Transition("light", (1.0,), 1))
     pfsm = Pfsm((State("stop", (), edges), State("stop", (), (Transition("obstacle", (1.0,), 0),))), "near")
     assert lint(pfsm, ("a", "b")) == []
+
+
+@pytest.mark.usefixtures("registries")
+def test_own_conditions_on_the_ground_are_judged_where_all_readings_are_known():
+    @condition(reads={"ground"})
+    def pale(model, readings, memory, beta: Annotated[float, Range(0, 1)]):
+        return beta if 100.0 < readings.ground_red < 110.0 else 0.0
+
+    enter_flavour(flavour_from("schema: 1\nbehaviours: {stop: 0}\nconditions: {pale: 0}\n", "own.yaml"))
+    rest = State("stop", (), (by("pale", 0.5, to=0),))
+    states = (State("stop", (), (by("pale", 0.5),)), rest)
+    assert found(*states, flavour="own") == set()
+    assert ("never-fires", "state 0", True) in found(*states, mission=MISSION, flavour="own")
+
+
+@pytest.mark.usefixtures("registries")
+def test_the_constants_of_the_flavour_count():
+    text = "schema: 1\nbehaviours: {stop: 0}\nconditions: {white floor: 0, fixed probability: 1}\n"
+    enter_flavour(flavour_from(text, "usual.yaml"))
+    enter_flavour(flavour_from(f"{text}constants: {{white_lowest: 100}}\n", "bright.yaml"))
+    states = (State("stop", (), (by("white floor", 0.5),)), REST)
+    assert ("never-fires", "state 0", True) in found(*states, mission=MISSION, flavour="usual")
+    assert found(*states, mission=MISSION, flavour="bright") == set()
 
 
 def test_a_sound_pfsm_has_no_findings():

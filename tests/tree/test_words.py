@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 
 from mercator_design.modules.module import KnownSwarm
+from mercator_design.tree.space.grammar import Branch, tree_of
 from mercator_design.tree.text import parse
 from mercator_design.tree.tree import Tree, TreeNode, action, condition
 from mercator_design.tree.words.difference import difference
@@ -41,6 +42,11 @@ Branch 1: attraction (alpha 2)
       [neighbours count (xi 3 robots, eta 2.5)]
 """
     )
+
+
+def test_a_branch_whose_action_may_fail():
+    words = explanation(tree_of([Branch((condition("black floor", 0.5),), action("straight"))], "maple"), SWARM)
+    assert "fails before an obstacle.\n  Where that fails, it stands still for a cycle, and begins again with" in words
 
 
 def test_another_tree_is_explained_node_by_node():

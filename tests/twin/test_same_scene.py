@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from benchmarks.same_scene import BODY, HALF, MERCATOR, Unturned, World, angles_off, driven, obstacle, pull
+from benchmarks.same_scene import BODY, HALF, MERCATOR, Unturned, World, angles_off, driven, motion_off, obstacle, pull
 from benchmarks.twin_stepped import settings_of
 from mercator_design.config.colours import COLOURS
 from mercator_design.fsm import drive
@@ -104,6 +104,19 @@ def test_a_robot_that_spins_by_a_wall():
     assert median < math.radians(6.0)
     assert most < math.radians(16.0)
     assert untold > math.radians(12.0)
+
+
+@pytest.mark.thorough
+def test_heading_and_place_follow_a_robot_that_drives():
+    """The locator's samples are up to 60 ms old, in which a robot drives 18 mm; the heading is that of now."""
+    for wheels in (drive(1.0, 1.0), drive(0.2, 1.0)):
+        moments = [*driven(World([(-3.0, -1.0, 0.5)]), [wheels], 2.0)]
+        turns, ways = motion_off(moments).T
+        assert ways.max() < 0.02
+        assert turns.max() < math.radians(3.0)
+        last = moments[-1].perceived
+        assert math.hypot(last.odometry_x, last.odometry_y) > 0.1
+        assert (abs(last.heading) > 0.5) == (wheels.left < 1.0)
 
 
 @pytest.mark.parametrize(("near", "needed"), [(0.0, False), (0.5, True)])

@@ -36,20 +36,34 @@ class _StateNames(NamedTuple):
 
 
 def parameters_of(flavour: str) -> Iterator[GrammarParameter]:
-    """The grammar of a flavour. Watermelon has 149 parameters, Chocolate 133."""
+    """The grammar of a flavour; numbers with one value are none of its parameters.
+
+    Watermelon has 149 parameters, Chocolate 133.
+    """
     behaviours, conditions = modules_of(flavour)
     max_states, max_transitions = limits_of(flavour)
+    if max_states == 1:
+        yield GrammarParameter("S0", "--nstates 1 --s0 ", values=numbers_text(behaviours))
+        yield from module_parameters(behaviours, "0", "S0")
+        return
     yield GrammarParameter("NumStates", "--nstates ", low=1, high=max_states)
     for i in range(max_states):
         exists = ("NumStates", range(i + 1, max_states + 1))
         yield GrammarParameter(f"S{i}", f"--s{i} ", values=numbers_text(behaviours), condition=exists)
         yield from module_parameters(behaviours, f"{i}", f"S{i}")
         connected = ("NumStates", range(max(i, 1) + 1, max_states + 1))
-        number = f"NumConnections{i}"
-        yield GrammarParameter(number, f"--n{i} ", low=1, high=max_transitions, condition=connected)
+        number, before = f"NumConnections{i}", f"--n{i} "  # text that is still to be written before the next value
+        if max_transitions > 1:
+            yield GrammarParameter(number, before, low=1, high=max_transitions, condition=connected)
+            before = ""
+        else:
+            before += "1 "
         for j in range(max_transitions):
-            transition, exists = f"{i}x{j}", (number, range(j + 1, max_transitions + 1))
-            yield GrammarParameter(f"N{transition}", f"--n{transition} ", high=("NumStates", -2), condition=exists)
+            transition = f"{i}x{j}"
+            exists = (number, range(j + 1, max_transitions + 1)) if max_transitions > 1 else connected
+            switch = f"{before}--n{transition} "
+            yield GrammarParameter(f"N{transition}", switch, high=("NumStates", -2), condition=exists)
+            before = ""
             condition = f"C{transition}"
             yield GrammarParameter(condition, f"--c{transition} ", values=numbers_text(conditions), condition=exists)
             yield from module_parameters(conditions, transition, condition)
@@ -68,9 +82,9 @@ def to_pfsm(configuration: Mapping[str, Value], flavour: str) -> Pfsm:
 def to_states(configuration: Mapping[str, Value], flavour: str) -> tuple[State, ...]:
     """The states of a configuration's PFSM, without the checks of `Pfsm`."""
     states = []
-    for i, names in enumerate(_names(flavour)[: int(configuration["NumStates"])]):
+    for i, names in enumerate(_names(flavour)[: int(configuration.get("NumStates", 1))]):
         transitions = []
-        for edge in names.transitions[: int(configuration.get(names.connections, 0))]:
+        for edge in names.transitions[: int(configuration.get(names.connections, f"N{i}x0" in configuration))]:
             condition = edge.by_number[str(configuration[edge.condition])]
             target = absolute_target(i, int(configuration[edge.target]))
             transitions.append(Transition(condition.name, condition.values(configuration), target))
@@ -86,12 +100,13 @@ def from_pfsm(pfsm: Pfsm) -> dict[str, Value]:
 
 def from_states(states: Sequence[State], flavour: str) -> dict[str, Value]:
     """The configuration of the PFSM of some states."""
-    configuration: dict[str, Value] = {"NumStates": len(states)}
+    max_states, max_transitions = limits_of(flavour)
+    configuration: dict[str, Value] = {"NumStates": len(states)} if max_states > 1 else {}
     for i, (state, names) in enumerate(zip(states, _names(flavour), strict=False)):
         behaviour = names.by_name[state.behaviour]
         configuration[names.behaviour] = behaviour.number
         behaviour.put(configuration, state.parameters)
-        if state.transitions:
+        if state.transitions and max_transitions > 1:
             configuration[names.connections] = len(state.transitions)
         for transition, edge in zip(state.transitions, names.transitions, strict=False):
             condition = edge.by_name[transition.condition]
@@ -130,5 +145,6 @@ def modules_of(flavour: str) -> tuple[Mapping[int, Module], Mapping[int, Module]
 
 
 def limits_of(flavour: str) -> tuple[int, int]:
-    """Largest numbers of states and of transitions of a state."""
-    return flavour_of(flavour).limit("states"), flavour_of(flavour).limit("transitions")
+    """Largest numbers of states and of transitions of a state that are designed; without conditions it is one state."""
+    max_states = flavour_of(flavour).limit("states") if modules_of(flavour)[1] else 1
+    return max_states, flavour_of(flavour).limit("transitions") if max_states > 1 else 0

@@ -5,7 +5,7 @@ does not have, no behaviour that follows a light where there is none.
 """
 
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.space.grammar import modules_of
+from mercator_design.fsm.space.grammar import limits_of, modules_of
 from mercator_design.modules.drawing import Draws, Kind, Usable, any_of, drawn_values, kinds_of
 from mercator_design.modules.module import Module
 
@@ -30,7 +30,7 @@ def simple_machines(flavour: str, usable: Usable, draws: Draws) -> list[Pfsm]:
         return Transition(kind.module.name, kind.values(draws), target)
 
     states: list[tuple[State, ...]] = [(state(one),) for one in behaviours]
-    for there in conditions:
+    for there in conditions if limits_of(flavour)[0] > 1 else ():
         others = [one for one in conditions if one != there] or [there]
         alike = [one for one in others if one.module.reads == there.module.reads] or [there]
         back = any_of((others, alike), draws)

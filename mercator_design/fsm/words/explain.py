@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mercator_design.fsm.pfsm import Pfsm
+from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import module_words, robots_words, with_parameters
 
@@ -13,8 +14,9 @@ def explanation(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> str:
     Args:
         pfsm: The PFSM.
         names: The names of its states.
-        swarm: The robots.
+        swarm: The robots; their reference model gets the constants of the flavour.
     """
+    swarm = swarm._replace(model=flavour_of(pfsm.flavour).reference_model(swarm.model))
     return "\n".join(_lines(pfsm, names, swarm))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.mapping import poses
 from mercator_design.mapping.front.keeping import Kept
-from mercator_design.mapping.front.matching import Match, Matcher, Search
+from mercator_design.mapping.front.matching import Match, Matcher, MatchSearch
 from mercator_design.mapping.front.scans import Preparation, Scan
 from mercator_design.mapping.front.surfels import SurfelMap
 from mercator_design.mapping.logs import RobotLog
@@ -55,10 +55,10 @@ class _Segment:
 class FrontEnd:
     """Makes a track of a log, or of its first turns."""
 
-    def __init__(self, log: RobotLog, lag: float = 0.0, scale: float = 1.0, search: Search | None = None) -> None:
+    def __init__(self, log: RobotLog, lag: float = 0.0, scale: float = 1.0, search: MatchSearch | None = None) -> None:
         """`lag` [s] is added to the lidar's times; `scale`: a factor of the odometry's distances."""
         self.log, self.lag, self.scale = log, lag, scale
-        self._search = search or Search()
+        self._search = search or MatchSearch()
         self._preparation = Preparation(log, lag, scale)
         self._matcher = Matcher()
         self._is_wide = any(len(turn.angles) and np.ptp(turn.angles) > _WIDE for turn in log.turns[:5])

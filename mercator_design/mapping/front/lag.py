@@ -20,6 +20,7 @@ _SETTLED = 0.001  # [s]
 _MIN_CHANGE = 0.3  # [rad/s] of the yaw rate that tells something
 _MIN_EVIDENCE = 30  # such changes
 _WINDOW = 0.05  # [s] on each side of which the yaw rate is measured
+_SPARSE = 0.5  # [s] between turns
 _OUTLIER = 3.0  # robust standard deviations
 
 
@@ -36,6 +37,8 @@ def track_of(log: RobotLog, scale: float = 1.0, advance: Callable[[int], None] |
 
 def lag_of(log: RobotLog, scale: float = 1.0) -> float:
     """Seconds to add to the times of a lidar; 0 if the log does not tell. Arguments are those of `track_of`."""
+    if _is_sparse(log):
+        return 0.0
     lag, turns = 0.0, _FIRST_TURNS
     for _ in range(_ROUNDS):
         change = remaining_lag(FrontEnd(log, lag, scale).run(turns))
@@ -48,6 +51,12 @@ def lag_of(log: RobotLog, scale: float = 1.0) -> float:
         if abs(change) < _SETTLED:
             break
     return lag
+
+
+def _is_sparse(log: RobotLog) -> bool:
+    """Whether turns are so far apart that their yaw rates are not those of the ways between them."""
+    middles = [turn.middle for turn in log.turns]
+    return len(middles) > 1 and float(np.median(np.diff(middles))) > _SPARSE
 
 
 def remaining_lag(track: Track) -> float | None:

@@ -13,7 +13,7 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.jit import compiled, jittable
 from mercator_design.mapping.front.scans import Scan
-from mercator_design.mapping.front.surfels import Grid, SurfelMap, nearest
+from mercator_design.mapping.front.surfels import SurfelGrid, SurfelMap, nearest
 
 _AGREEMENT = 0.8  # product of the normals of a point and a surfel that match
 _SMALL = 1e-4  # [m, rad] of a step after which another one would change nothing
@@ -21,7 +21,7 @@ _DEGENERATE = 0.005  # of the largest eigenvalue: walls do not determine such a 
 _SWEEPS = 12  # of Jacobi's rotations, at most
 
 
-class Search(NamedTuple):
+class MatchSearch(NamedTuple):
     """How ICP searches, from the first to the last iteration."""
 
     iterations: int = 15  # at most
@@ -133,7 +133,7 @@ def solve(a: Floats, b: Floats) -> None:
 
 @jittable
 def add_points(
-    grid: Grid,
+    grid: SurfelGrid,
     state: Floats,
     points: Floats,
     normals: Floats,
@@ -185,10 +185,10 @@ def add_points(
 
 @jittable
 def match_points(
-    grid: Grid,
+    grid: SurfelGrid,
     predicted: Floats,
     deviations: Floats,
-    search: Search,
+    search: MatchSearch,
     points: Floats,
     normals: Floats,
     ages: Floats,
@@ -261,7 +261,9 @@ class Matcher:
     def __init__(self) -> None:
         self._state, self._scratch, self._found = np.zeros(4), np.zeros((15, 4)), np.zeros(13)
 
-    def match(self, surfels: SurfelMap, predicted: Floats, deviations: Floats, scan: Scan, search: Search) -> Match:
+    def match(
+        self, surfels: SurfelMap, predicted: Floats, deviations: Floats, scan: Scan, search: MatchSearch
+    ) -> Match:
         """Match a prepared turn; `deviations` (3,) [m, m, rad] are those of the predicted pose."""
         return self.match_points(surfels, predicted, deviations, (scan.points, scan.normals, scan.ages), search)
 
@@ -271,7 +273,7 @@ class Matcher:
         predicted: Floats,
         deviations: Floats,
         points: tuple[Floats, Floats, Floats],
-        search: Search,
+        search: MatchSearch,
     ) -> Match:
         """As `match`; `points` are points, normals and ages."""
         state, found = self._state, self._found

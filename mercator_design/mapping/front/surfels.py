@@ -28,7 +28,7 @@ _FACING = 0.3  # cosine of the angle under which a beam meets a wall that it doe
 _ASIDE = 0.02  # [m] of a surfel from a beam that meets it
 
 
-class Grid(NamedTuple):
+class SurfelGrid(NamedTuple):
     """The arrays of a map, for kernels."""
 
     directory: Numbers  # (rows, columns) number of the tile of each square; -1: none
@@ -39,8 +39,8 @@ class Grid(NamedTuple):
 
 
 @jittable
-def _first_row(grid: Grid, column: int, row: int) -> int:
-    """The first row of `Grid.rows` of a cell, counted from the corner; -1: it has none."""
+def _first_row(grid: SurfelGrid, column: int, row: int) -> int:
+    """The first row of `SurfelGrid.rows` of a cell, counted from the corner; -1: it has none."""
     tile_row, tile_column = row // _SIDE, column // _SIDE
     if row < 0 or column < 0 or tile_row >= grid.directory.shape[0] or tile_column >= grid.directory.shape[1]:
         return -1
@@ -51,7 +51,9 @@ def _first_row(grid: Grid, column: int, row: int) -> int:
 
 
 @jittable
-def insert(grid: Grid, pose: Floats, bend: float, points: Floats, normals: Floats, ages: Floats, first: int) -> int:
+def insert(
+    grid: SurfelGrid, pose: Floats, bend: float, points: Floats, normals: Floats, ages: Floats, first: int
+) -> int:
     """Add points to the map; returns the first one that did not fit because a tile is missing.
 
     Args:
@@ -114,7 +116,7 @@ def _join(rows: Floats, place: int, x: float, y: float, nx: float, ny: float) ->
 
 
 @jittable
-def nearest(grid: Grid, x: float, y: float, nx: float, ny: float, reach: float, agreement: float) -> int:
+def nearest(grid: SurfelGrid, x: float, y: float, nx: float, ny: float, reach: float, agreement: float) -> int:
     """The row of the nearest surfel within `reach` [m] whose normal agrees (product > `agreement`); -1: there is none.
 
     Cells are searched in square rings, until the next ring must be farther than what was found.
@@ -142,7 +144,7 @@ def nearest(grid: Grid, x: float, y: float, nx: float, ny: float, reach: float, 
 
 
 @jittable
-def is_behind(grid: Grid, x: float, y: float, end_x: float, end_y: float) -> bool:
+def is_behind(grid: SurfelGrid, x: float, y: float, end_x: float, end_y: float) -> bool:
     """Whether a beam from one place to another passes through a wall of the map; its ends do not count.
 
     Cells along the beam are visited in order (Amanatides and Woo, 1987).
@@ -176,7 +178,7 @@ def is_behind(grid: Grid, x: float, y: float, end_x: float, end_y: float) -> boo
 
 
 @jittable
-def share_behind(grid: Grid, pose: Floats, lidar: Floats, points: Floats, normals: Floats, reach: float) -> float:
+def share_behind(grid: SurfelGrid, pose: Floats, lidar: Floats, points: Floats, normals: Floats, reach: float) -> float:
     """The share of points that have no surfel within `reach` [m], and lie behind a wall of the map.
 
     Args:
@@ -204,7 +206,7 @@ class SurfelMap:
 
     def __init__(self, cell: float = CELL) -> None:
         self._tile = _SIDE * cell
-        self.grid = Grid(
+        self.grid = SurfelGrid(
             np.full((8, 8), -1), np.full(2, -4 * self._tile), np.array([cell]), self._empty(8), np.zeros(1, np.int64)
         )
 

@@ -28,16 +28,16 @@ STEPS = 2
 """Of Gauss and Newton in a round."""
 GATES, SCALES = (0.25, 0.05), (0.10, 0.015)
 """[m] In the first and the last round: between points that match, and of residuals in the weight."""
-NEIGHBOURS = 6
+NEIGHBOURS, SPARSE_NEIGHBOURS = 6, 12
 """Keyframes with which each one is compared in a round, beside the one before it."""
-POINT_SD, SPARSE_POINT_SD = 0.06, 0.2
+POINT_SD, SPARSE_POINT_SD = 0.06, 0.3
 """[m] Larger than the lidar's noise, as the points of a pair share errors: together they must not overrule odometry."""
 SIGHTING_SD = 0.015
 """[m]"""
 
 _SPARSE = 0.3
 """[m] Between keyframes of a log that is sparse."""
-_MOST_POINTS = 100
+_MOST_POINTS = 120
 """Of a keyframe that are compared with another one."""
 _LEAST_SHARE = 0.25
 _SCALE_LIMITS = 0.7, 1.4
@@ -92,13 +92,14 @@ def refine(
     seen = (
         sighting_factors(parts, frames, offsets, _keyframe_times(parts)) if with_sightings else SightingFactors.none()
     )
-    sigma = SPARSE_POINT_SD if len(raw) and np.median(np.hypot(raw[:, 0], raw[:, 1])) > _SPARSE else POINT_SD
+    is_sparse = bool(len(raw) and np.median(np.hypot(raw[:, 0], raw[:, 1])) > _SPARSE)
+    sigma, wanted = (SPARSE_POINT_SD, SPARSE_NEIGHBOURS) if is_sparse else (POINT_SD, NEIGHBOURS)
     held = 0
     for number in range(rounds if len(poses) > 1 else 0):
         progress = number / max(rounds - 1, 1)
         gate, scale = (low * (high / low) ** progress for low, high in (GATES, SCALES))
         pairs = np.ascontiguousarray(
-            np.concatenate([edges, pairs_of_nodes(poses, nodes.parts, NEIGHBOURS, generator)]), dtype=np.int64
+            np.concatenate([edges, pairs_of_nodes(poses, nodes.parts, wanted, generator)]), dtype=np.int64
         )
         measured = _scaled(raw, [scales[parts[k].track.log.name] for k in nodes.parts[edges[:, 0]]])
         for _ in range(STEPS):
@@ -164,10 +165,10 @@ def _scaled(raw: Floats, scales: Sequence[float]) -> Floats:
 
 
 def _deviations(motions: Floats) -> Floats:
-    """Standard deviations (m, 3) of measured motions."""
+    """Standard deviations (m, 3) of measured motions, whose scale is known."""
     step, turned = np.hypot(motions[:, 0], motions[:, 1]), np.abs(motions[:, 2])
-    place = 0.01 + 0.08 * step
-    return np.column_stack([place, place, 0.01 + 0.03 * turned + 0.02 * step])
+    place = 0.01 + 0.04 * step
+    return np.column_stack([place, place, 0.02 + 0.03 * turned + 0.04 * step])
 
 
 def _step(

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from mercator_design.arrays import Floats, Numbers
 from mercator_design.mapping import poses
-from mercator_design.mapping.front.matching import Matcher, Search
+from mercator_design.mapping.front.matching import Matcher, MatchSearch
 from mercator_design.mapping.front.surfels import SurfelMap
 from mercator_design.mapping.loops import graph
 from mercator_design.mapping.loops.correlation import Window, best_pose, field_of
@@ -22,7 +22,7 @@ _AROUND = 6  # nodes to each side of a candidate that belong to its submap
 _NEAR = 3.0  # [m] beyond the window
 _NODE_STEP = 0.4, 0.5  # [m] or [rad] between nodes
 _WEAK = np.array([1.0, 1.0, 0.5])  # standard deviations [m, m, rad] of a pose that the search found
-_SEARCH = Search(first_reach=0.3, last_reach=0.12, bend=0.0)
+_SEARCH = MatchSearch(first_reach=0.3, last_reach=0.12, bend=0.0)
 _POINT_WEIGHT = 0.02  # of the points' information: those of a scan are not independent
 _FLOOR = np.diag([0.03, 0.03, np.radians(0.7)]) ** 2  # covariance of the best match
 

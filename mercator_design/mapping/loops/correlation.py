@@ -34,7 +34,7 @@ _HEADING_STEP = 0.02  # [rad]
 Levels: TypeAlias = NDArray[np.uint8]
 
 
-class Field(NamedTuple):
+class LikelihoodField(NamedTuple):
     """Likelihoods of points around a place."""
 
     corner: Floats  # (2,) [m] x and y
@@ -87,7 +87,14 @@ def total(field: Levels, cells: Numbers, n: int, row: int, column: int) -> int:
 
 @jittable
 def search(
-    field: Field, points: Floats, pose: Floats, half: int, headings: int, step: float, least: int, cells: Numbers
+    field: LikelihoodField,
+    points: Floats,
+    pose: Floats,
+    half: int,
+    headings: int,
+    step: float,
+    least: int,
+    cells: Numbers,
 ) -> tuple[int, int, int, int]:
     """The best pose in a window.
 
@@ -135,16 +142,18 @@ def _stencil() -> Levels:
     return np.round(_FULL * np.exp(-0.5 * squares / DEVIATION**2)).astype(np.uint8)
 
 
-def field_of(points: Floats) -> Field:
+def field_of(points: Floats) -> LikelihoodField:
     """The field of points (n, 2) [m]."""
     corner = points.min(axis=0) - _MARGIN
     columns, rows = (np.ceil((points.max(axis=0) + _MARGIN - corner) / CELL).astype(int) + 1).tolist()
     fine, coarse = np.zeros((2, rows, columns), np.uint8)
     compiled(fill)(points, _stencil(), corner, fine, coarse)
-    return Field(corner, fine, coarse)
+    return LikelihoodField(corner, fine, coarse)
 
 
-def best_pose(field: Field, points: Floats, pose: Floats, window: Window, least: float) -> tuple[Floats, float] | None:
+def best_pose(
+    field: LikelihoodField, points: Floats, pose: Floats, window: Window, least: float
+) -> tuple[Floats, float] | None:
     """The pose (3,) of a scan with the largest mean of the field, and this mean; None: none has more than `least`.
 
     Args:

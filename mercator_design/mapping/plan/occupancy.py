@@ -23,7 +23,7 @@ _MIN_HITS, _MIN_HIT_SHARE = 2, 0.15
 _SAME_CLUSTER = 0.06  # [m]
 
 
-class Occupancy(NamedTuple):
+class OccupancyGrid(NamedTuple):
     """The cells of a map."""
 
     corner: Floats  # (2,) [m] x and y of the grid's corner
@@ -111,7 +111,7 @@ def sharp_keyframes(way: Way) -> Flags:
     return np.asarray(sharp)
 
 
-def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> Occupancy:
+def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> OccupancyGrid:
     """The grid of the sharp keyframes of ways in one frame."""
     low, high = _bounds(ways)
     corner = np.floor(low / resolution) * resolution - resolution
@@ -126,7 +126,7 @@ def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> Occupan
             beams = scan.beams
             pose = np.ascontiguousarray(found[k])
             compiled(trace)(pose, beams.origins, beams.points, beams.kinds, corner, resolution, hits, crossings)
-    return Occupancy(corner, resolution, hits, crossings)
+    return OccupancyGrid(corner, resolution, hits, crossings)
 
 
 def _unmark_furniture(way: Way, turn: int, scan: Scan) -> None:

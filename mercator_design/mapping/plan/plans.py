@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mercator_design.arrays import Floats
-from mercator_design.mapping.plan.occupancy import RESOLUTION, Occupancy, occupancy_of
+from mercator_design.mapping.plan.occupancy import RESOLUTION, OccupancyGrid, occupancy_of
 from mercator_design.mapping.plan.pieces import lines_of, pieces_of
 from mercator_design.mapping.plan.ways import Way, match_all
 from mercator_design.mapping.swarm import Report, SwarmMap
@@ -27,7 +27,7 @@ class Plan:
     """The map of robots whose frames are known to each other."""
 
     ways: tuple[Way, ...]  # in the frame of the map
-    occupancy: Occupancy
+    occupancy: OccupancyGrid
     pieces: Floats  # (n, 5) of walls: mean x, y [m], unit normal x, y, weight
     lines: Floats  # (m, 4) walls: x, y [m] of both ends
 

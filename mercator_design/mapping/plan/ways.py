@@ -7,7 +7,7 @@ import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.mapping.front.front_end import MIN_POINTS
-from mercator_design.mapping.front.matching import Matcher, Search
+from mercator_design.mapping.front.matching import Matcher, MatchSearch
 from mercator_design.mapping.front.scans import Preparation
 from mercator_design.mapping.front.surfels import SurfelMap
 from mercator_design.mapping.logs import RobotLog
@@ -15,7 +15,7 @@ from mercator_design.mapping.track import Track
 
 _CELL = 0.025  # [m] of the map that all turns are matched against
 _DEVIATIONS = np.array([0.03, 0.03, 0.02])  # [m, m, rad] of a turn's pose between its keyframes
-_SEARCH = Search(first_reach=0.15)
+_SEARCH = MatchSearch(first_reach=0.15)
 _MIN_SHARE = 0.5  # of a turn's points that must match, or it stays where the front end put it
 
 

@@ -152,7 +152,7 @@ class _Level:
         self._strides = np.zeros((len(self._parents), len(columns)))
         sizes = [1] * len(columns)
         for place in self._listed:
-            for parent, stride in zip(parents[place], np.cumprod([1.0, *counts[place][:-1]]), strict=True):
+            for parent, stride in zip(parents[place], np.cumprod([1.0, *counts[place]])[:-1], strict=True):
                 self._strides[self._parents.index(parent), place] = stride
             sizes[place] = int(np.prod(counts[place]))
         self._starts = np.cumsum([0, *sizes[:-1]])

@@ -1,5 +1,6 @@
 """The events of logs and recordings: their fields and how they are read. log.py and recording.py explain them."""
 
+import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -13,6 +14,7 @@ from mercator_design.errors import RobotError, excerpt
 from mercator_design.fsm import Readings, ReferenceModel
 from mercator_design.modules.reference import LED_COLOURS, MAX_SIGNAL, N_READINGS, first_reading
 from mercator_design.robot.devices.samples import FIELDS
+from mercator_design.robot.protocols.ydlidar import MAX_SAMPLES
 
 LogKind: TypeAlias = Literal["run", "recording"]
 
@@ -67,10 +69,21 @@ def _fits_its_sensor(sample: "SampleTaken") -> bool:
     return fits and (sample.sensor == "proximity" or None not in sample.values)
 
 
+def _has_a_range_of_each_sample(turn: "TurnTaken") -> bool:
+    try:
+        found = base64.b64decode(turn.ranges, validate=True)
+    except ValueError:
+        return False
+    return not found or len(found) == 2 * sum(packet[-1] for packet in turn.packets)
+
+
 Number = Annotated[float, Range(-1e9, 1e9)]
 Amount = Annotated[float, Range(-1e15, 1e15)]
 """A number that may grow during a whole run, as that of received bytes."""
 Count = Annotated[int, Range(0, 1e9)]
+Angle = Annotated[int, Range(0, 2**15 - 1)]
+"""Angle of a lidar's sample [degrees / 64, clockwise]."""
+Samples = Annotated[int, Range(1, MAX_SAMPLES)]
 Seconds = Annotated[float, Range(0.0, 1e6)]
 """Time since the start of the log [s], up to eleven days."""
 Draw = Annotated[float, _Rule(lambda value: 0.0 <= value < 1.0, "{noun} from 0 to below 1")]
@@ -122,6 +135,7 @@ class RunStarted:
     control_period: Number  # [s]
     control_software: str = ""  # its digest
     reference_model: ReferenceModel
+    lidar_angle: Number = 0.0  # [rad]
     facts: Mapping[str, object] | None = None
 
 
@@ -175,10 +189,16 @@ class SampleTaken:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TurnTaken:
-    """A turn of the lidar, in a recording."""
+    """A turn of the lidar: in a recording with readings, in a run with samples and what else maps need (turns.py)."""
 
-    time: Seconds
-    readings: Pairs  # angle [rad], range [m]
+    time: Seconds  # at which its last packet had come
+    readings: Pairs = ()  # angle [rad], range [m]
+    packets: tuple[
+        tuple[Count, Angle, Angle, Samples], ...
+    ] = ()  # how long before `time` [0.1 ms], first, last, samples
+    ranges: str = ""  # of all samples [mm / 4]: 16-bit numbers, the low byte first, in base64
+    yaws: Pairs = ()  # time [s], yaw [rad]: those that came since the turn before
+    places: tuple[tuple[Number, Number, Number], ...] = ()  # time [s], x, y [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,11 +231,12 @@ LogEvent: TypeAlias = LogStart | CycleDone | SampleTaken | TurnTaken | WheelsDri
 
 _STARTS: Mapping[str, schema.Kind] = {"run": RunStarted, "recording": RecordingStarted}
 _ENDS: Mapping[str, schema.Kind] = {"note": NoteTaken, "end": LogEnded}
+_TURN = Annotated[TurnTaken, _Rule(_has_a_range_of_each_sample, "ranges in base64, one of each sample of its packets")]
 _EVENTS: Mapping[str, Mapping[str, schema.Kind]] = {
-    "run": {"cycle": CycleDone, **_ENDS},
+    "run": {"cycle": CycleDone, "turn": _TURN, **_ENDS},
     "recording": {
         "sample": Annotated[SampleTaken, _Rule(_fits_its_sensor, "as many values as the sensor has")],
-        "turn": TurnTaken,
+        "turn": _TURN,
         "wheels": WheelsDriven,
         **_ENDS,
     },

@@ -11,6 +11,7 @@ are only appended. For the events of a recording see recording.py. Those of a ru
             since the previous cycle, of the whole program (program_cpu) [s], the neighbours' distances [m] and bearings
             [rad], the age [s] and values of each sensor's latest sample (sensed): a distance is null where nothing is
             in sight, and 0 where something is too near; and the numbers of each device's line (lines), as in events.py
+    turn    a turn of the lidar, and the robot's yaws and places since the one before (turns.py)
     note    a note on a device, and its time
     end     why the run ended
 

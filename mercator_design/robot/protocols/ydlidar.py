@@ -193,7 +193,7 @@ def angle_ahead(last: int, first: int) -> int:
     return ahead if ahead < TURN - _BACKWARDS else 0
 
 
-class Turns:
+class PacketTurns:
     """Joins packets to whole turns, without suspect packets and those before the first turn begins.
 
     A turn begins with a ring start, or, if this is lost, with the first packet beyond north. A ring start less than
@@ -201,20 +201,22 @@ class Turns:
     """
 
     def __init__(self) -> None:
-        self._points: list[Point] | None = None
+        self._packets: list[tuple[Packet, float]] | None = None
+        self._samples = 0
         self._last: Packet | None = None
         self._turned = 0  # from the turn's first sample to that of the last packet [degrees / 64]
         self._began_at_north = False
 
-    def receive(self, packet: Packet) -> list[Point] | None:
-        """Take a packet; return the turn that it ends by beginning the next one."""
+    def receive(self, packet: Packet, time: float = 0.0) -> list[tuple[Packet, float]] | None:
+        """Take a packet that came at a time; return the turn that it ends by beginning the next one, with the times."""
         ended = None
         if self._begins(packet):
-            ended, self._points = self._points, []
-        if self._points is not None and not packet.is_suspect:
-            self._points += packet.points()
-            if len(self._points) > MAX_TURN_SAMPLES:
-                self._points = None
+            ended, self._packets, self._samples = self._packets, [], 0
+        if self._packets is not None and not packet.is_suspect:
+            self._packets.append((packet, time))
+            self._samples += len(packet.samples)
+            if self._samples > MAX_TURN_SAMPLES:
+                self._packets = None
         return ended
 
     def _begins(self, packet: Packet) -> bool:
@@ -231,3 +233,15 @@ class Turns:
         if begins:
             self._turned, self._began_at_north = 0, not packet.is_ring_start
         return begins
+
+
+class Turns:
+    """As `PacketTurns`, of samples without their times."""
+
+    def __init__(self) -> None:
+        self._turns = PacketTurns()
+
+    def receive(self, packet: Packet) -> list[Point] | None:
+        """Take a packet; return the turn that it ends by beginning the next one."""
+        ended = self._turns.receive(packet)
+        return None if ended is None else [point for each, _ in ended for point in each.points()]

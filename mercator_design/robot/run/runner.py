@@ -16,6 +16,7 @@ from mercator_design.robot.devices.ports import OPTIONAL_DEVICES, DeviceName
 from mercator_design.robot.devices.settings import Settings, control_period_of
 from mercator_design.robot.logs.events import ClockOffset, CycleDone, RunStarted
 from mercator_design.robot.logs.log import Log, finite, outputs, plain
+from mercator_design.robot.logs.turns import TurnCollector
 from mercator_design.robot.protocols.rvr_messages import LIGHTS
 from mercator_design.robot.run.control import Control, in_control
 from mercator_design.robot.run.joint import ImmediateStart
@@ -113,6 +114,7 @@ def _start(settings: Settings, what: Run, facts: Mapping[str, object], clock: Cl
         control_period=what.period,
         control_software=control_digest(software.flavour),
         reference_model=settings.reference_model,
+        lidar_angle=settings.lidar_angle,
         facts=dict(facts),
     )
 
@@ -122,7 +124,7 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
     robot, random = control.robot, Random(what.seed)
     first = start.due()
     end = math.inf if what.duration is None else what.duration - 0.5 * what.period
-    program = time.process_time()
+    program, collector = time.process_time(), TurnCollector(log.began)
     for cycle, begin in enumerate(control.cycles(what.period, first)):
         if begin - first >= end:
             return
@@ -156,6 +158,8 @@ def _cycles(control: Control, controller: Controller, what: Run, log: Log, start
         notify(WATCHDOG=1)
         robot.query()
         robot.show(dict.fromkeys(LIGHTS, _lamps(what, controller.state, actions)))
+        for turn in collector.take(control.heard):  # after all that makes the robot move
+            log.note(turn)
 
 
 def _lamps(what: Run, state: int, actions: Actions) -> Levels:

@@ -5,8 +5,8 @@ It is written and read as the log of a run (log.py):
     start   the robot, facts on its devices, the settings of its sensors
     sample  time and values of a sensor, by its name in samples.py; a distance, without correction by offsets, is null
             where nothing is in sight, and 0 where something is too near
-    turn    a turn of the lidar: the time of its end, and its readings, angle [rad, from the robot's front] and range
-            [m] of each; 0 where nothing came back
+    turn    a turn of the lidar: the time when its last packet had come, and its readings, angle [rad, from the robot's
+            front] and range [m] of each, 0 where nothing came back; and its packets, as in a run (turns.py)
     wheels  in a drive: the speeds that were sent to the treads, left and right [m/s]
     note    a note on a device, a sensor that has fallen silent, or a delay of the program
     end     why the recording ended
@@ -22,7 +22,8 @@ from mercator_design.robot.devices.samples import SERVICE_OF, converted
 from mercator_design.robot.devices.settings import Settings
 from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken, WheelsDriven
 from mercator_design.robot.logs.log import Log, plain
-from mercator_design.robot.protocols.ydlidar import Packet, Turns
+from mercator_design.robot.logs.turns import readings, times_and_angles
+from mercator_design.robot.protocols.ydlidar import Packet, PacketTurns
 from mercator_design.robot.run.control import held_up, in_control
 from mercator_design.robot.run.mercator import Mercator
 from mercator_design.robot.run.safety import STALL
@@ -38,7 +39,7 @@ class Recorder:
     """
 
     def __init__(self, log: Log, robot: Mercator, settings: Settings) -> None:
-        self._log, self._turns, self._front = log, Turns(), settings.lidar_angle
+        self._log, self._turns, self._front = log, PacketTurns(), settings.lidar_angle
         self.count = 0
         start = RecordingStarted(
             robot=settings.name,
@@ -66,10 +67,11 @@ class Recorder:
                 self.count += 1
                 sample = SampleTaken(time=self._since_start(now), sensor=name, values=tuple(map(plain, values)))
                 self._log.note(sample)
-            if isinstance(event, Packet) and (turn := self._turns.receive(event)) is not None:
+            if isinstance(event, Packet) and (turn := self._turns.receive(event, self._since_start(now))):
                 self.count += 1
-                readings = tuple((round((angle + self._front) % math.tau, 5), round(reach, 5)) for angle, reach in turn)
-                self._log.note(TurnTaken(time=self._since_start(now), readings=readings))
+                found = readings((packet for packet, _ in turn), self._front)
+                _, end = turn[-1]
+                self._log.note(TurnTaken(time=end, readings=found, packets=times_and_angles(turn)))
 
 
 def record(

@@ -31,6 +31,7 @@ from mercator_design.robot.logs.events import (
     to_json,
 )
 from mercator_design.robot.logs.log import NO_END, condition_met, controller_of, read, understanding
+from mercator_design.robot.logs.turns import readings_of
 from mercator_design.software.architectures import part_names
 
 Message: TypeAlias = tuple[str, Mapping[str, Any]]
@@ -186,7 +187,7 @@ class _Run(ExportedLog):
 
     def __init__(self, start: LogStart, events: Generator[LogEvent, None, None]) -> None:
         super().__init__(start, events)
-        self._controller = controller_of(start)
+        self._controller, self._front = controller_of(start), getattr(start, "lidar_angle", 0.0)
         software = self._controller.software
         usual = part_names(software)
         self._names = [one.behaviour for one in software.states] if isinstance(software, Pfsm) else usual
@@ -221,6 +222,8 @@ class _Run(ExportedLog):
 
     def messages(self, event: LogEvent) -> Iterator[Message]:
         yield from super().messages(event)
+        if isinstance(event, TurnTaken):
+            yield _scan(self.time, readings_of(event, self._front))
         if isinstance(event, CycleDone):
             yield "/state", self._state(event)
             yield "/readings", Readings(*event.readings)._asdict()
@@ -271,20 +274,15 @@ class _Recording(ExportedLog):
                 if event.sensor == "position" and self._yaw is not None:
                     yield from _stands(self.time, present["x"], present["y"], self._yaw)
             case TurnTaken():
-                yield (
-                    "/lidar",
-                    {
-                        "timestamp": _stamp(self.time),
-                        "frame_id": "robot",
-                        "pose": _pose(0.0, 0.0, 0.0),
-                        "start_angle": 0.0,
-                        "end_angle": (BINS - 1) * STEP,
-                        "ranges": _even(event.readings),
-                        "intensities": [],
-                    },
-                )
+                yield _scan(self.time, event.readings)
             case WheelsDriven():
                 yield "/treads", {"left": event.left, "right": event.right}
+
+
+def _scan(time: float, readings: Sequence[tuple[float, float]]) -> Message:
+    """A turn of the lidar."""
+    message = {"timestamp": _stamp(time), "frame_id": "robot", "pose": _pose(0.0, 0.0, 0.0), "start_angle": 0.0}
+    return "/lidar", message | {"end_angle": (BINS - 1) * STEP, "ranges": _even(readings), "intensities": []}
 
 
 _KINDS: Mapping[str, type[ExportedLog]] = {"run": _Run, "recording": _Recording}

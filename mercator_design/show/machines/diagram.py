@@ -95,7 +95,7 @@ def _frame(layout: Layout) -> tuple[float, float, float, float]:
 def _line_svg(arrow: Arrow) -> str:
     start, bend, end = arrow.start, arrow.bend, arrow.end
     path = f"M{start.x:.1f} {start.y:.1f}Q{bend.x:.1f} {bend.y:.1f} {end.x:.1f} {end.y:.1f}"
-    ink = INKS[arrow.source]
+    ink = _ink(arrow)
     lit = "".join(
         f'<g data-transition="{arrow.source}-{number}"><path class="lit" stroke="{ink}" d="{path}"/></g>'
         for number, _ in arrow.labels
@@ -103,6 +103,10 @@ def _line_svg(arrow: Arrow) -> str:
     )
     head = _head(end, math.atan2(end.y - bend.y, end.x - bend.x), ink)
     return f'<path class="line" stroke="{ink}" d="{path}"/>{head}{lit}'
+
+
+def _ink(arrow: Arrow) -> str:
+    return INKS[arrow.source % len(INKS)]
 
 
 def _head(tip: Iterable[float], angle: float, ink: str) -> str:
@@ -115,7 +119,7 @@ def _labels_svg(arrow: Arrow) -> list[str]:
     """The labels on their background."""
     block = arrow.block
     y = block.y - 0.5 * LINE * (sum(len(lines) for _, lines in arrow.labels) - 1)
-    parts = [rectangle(block, f'class="back edge" fill="#fff" stroke="{INKS[arrow.source]}" rx="4"')]
+    parts = [rectangle(block, f'class="back edge" fill="#fff" stroke="{_ink(arrow)}" rx="4"')]
     for number, lines in arrow.labels:
         opened = "<g>" if number is None else f'<g data-transition="{arrow.source}-{number}">'
         parts.append(
@@ -132,4 +136,4 @@ def _box_svg(k: int, one: Extent, lines: Sequence[str]) -> list[str]:
         start = f'<circle fill="currentColor" cx="{x - _INITIAL + 4:.1f}" cy="{one.y:.1f}" r="4"/>'
         line = f'<path class="line" stroke="currentColor" d="M{x - _INITIAL:.1f} {one.y:.1f}H{x - 2:.1f}"/>'
         parts += [start, line, _head((x, one.y), 0.0, "currentColor")]
-    return [*parts, *box(one, lines, hex_of(*STATE_COLOURS[k])), "</g>"]
+    return [*parts, *box(one, lines, hex_of(*STATE_COLOURS[k % len(STATE_COLOURS)])), "</g>"]

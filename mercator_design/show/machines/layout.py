@@ -92,7 +92,7 @@ def size_of(lines: Sequence[str]) -> tuple[float, float]:
 def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow: bool = False) -> Layout:
     """The places of states with these lines in their boxes, and of arrows without places.
 
-    The states are in two rows, or in a column if the layout is to be narrow.
+    The states are on a grid, or in a column if the layout is to be narrow.
     """
     sizes = [(max(96.0, width + 8.0), height + 8.0) for width, height in map(size_of, texts)]
     blocks = [size_of([line for _, lines in arrow.labels for line in lines]) for arrow in arrows]
@@ -110,9 +110,15 @@ def laid_out(texts: Sequence[Sequence[str]], arrows: Sequence[Arrow], *, narrow:
     return Layout(tuple(boxes), tuple(beside if covered < 1.0 else placed))
 
 
+def cells(n: int) -> list[tuple[int, int]]:
+    """Column and row of each of n states, row by row: two in a row, or more if there are more than four."""
+    columns = max(2, math.isqrt(n - 1) + 1)
+    return [(k % columns, k // columns) for k in range(n)]
+
+
 def _corners(n: int, arrows: Sequence[Arrow]) -> tuple[int, ...]:
-    """For each state its corner (0 and 1 above, 2 and 3 below), with as little as possible on the diagonals."""
-    if n < 4:
+    """For each state its cell; of four (0 and 1 above, 2 and 3 below) with as little as possible on the diagonals."""
+    if n != 4:
         return tuple(range(n))
 
     def crossing(corners: tuple[int, ...]) -> float:
@@ -126,10 +132,10 @@ def _corners(n: int, arrows: Sequence[Arrow]) -> tuple[int, ...]:
 
 
 def _boxes(sizes: Sequence[tuple[float, float]], corners: Sequence[int], gap: float) -> list[Extent]:
-    """The boxes of states on a grid of two rows; three states are a triangle."""
+    """The boxes of states on a grid; three states are a triangle."""
     across = max(width for width, _ in sizes) + 1.4 * gap
     down = max(height for _, height in sizes) + gap
-    places = [(0.0, 0.0), (across, 0.0), (0.0, down), (across, down)]
+    places = [(across * column, down * row) for column, row in cells(len(sizes))]
     if len(sizes) == 3:
         places[2] = (0.5 * across, down)
     return [Extent(*places[corner], *size) for corner, size in zip(corners, sizes, strict=True)]

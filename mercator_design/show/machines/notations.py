@@ -3,6 +3,7 @@
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
 from mercator_design.modules.module import Module
 from mercator_design.modules.words import parameters_words
+from mercator_design.show.machines.layout import cells
 
 
 def to_dot(pfsm: Pfsm) -> str:
@@ -41,7 +42,7 @@ def to_mermaid(pfsm: Pfsm, names: tuple[str, ...]) -> str:
 
 def to_tikz(pfsm: Pfsm, names: tuple[str, ...]) -> str:
     """A LaTeX document with a TikZ picture of its automata library; all transitions to a target share an edge."""
-    places = ["(0, 0)", "(8, 0)", "(0, -6)", "(8, -6)"]
+    places = [f"({8 * column}, {-6 * row})" for column, row in cells(len(pfsm.states))]
     lines = [
         r"\documentclass[tikz]{standalone}",
         r"\usetikzlibrary{automata, arrows.meta}",

@@ -37,6 +37,7 @@ class _State(NamedTuple):
     done: int
     total: int
     rate: float  # per second
+    unit: str = "experiments"
 
     @property
     def pace(self) -> str:
@@ -109,7 +110,7 @@ class _PlainLines(_Line):
         if state.rate > 0:
             left = (state.total - state.done) / state.rate
             pace = f", {state.pace}" + (f", {timedelta(seconds=round(left))} left" if 0.5 < left < 1e9 else "")
-        print_message(f"{state.text}, {state.done}{total} experiments{pace}")
+        print_message(f"{state.text}, {state.done}{total} {state.unit}{pace}")
 
 
 class _MovingLine(_Line):
@@ -150,20 +151,29 @@ class _MovingLine(_Line):
 
 
 class Display:
-    """Counts experiments, with their rate and the remaining time.
+    """Counts experiments, or other work, with their rate and the remaining time.
 
     Args:
         what: The text before the count.
         total: Number of experiments; 0 if it is not known.
         mode: How to show it.
+        unit: What is counted.
         clock: Seconds.
 
     Attributes:
         known: Number of experiments that were done before; they do not count for the rate.
     """
 
-    def __init__(self, what: str, total: int, mode: Mode = "auto", *, clock: Clock = time.monotonic) -> None:
-        self.known = 0
+    def __init__(
+        self,
+        what: str,
+        total: int,
+        mode: Mode = "auto",
+        *,
+        unit: str = "experiments",
+        clock: Clock = time.monotonic,
+    ) -> None:
+        self.known, self._unit = 0, unit
         self._clock = clock
         self._started = clock()
         self._shown = -math.inf
@@ -206,7 +216,7 @@ class Display:
 
     def _state(self, text: str, done: int) -> _State:
         rate = max(done - self.known, 0) / max(self.seconds, 1e-3)
-        return _State(printable(text), done, self._total, rate)
+        return _State(printable(text), done, self._total, rate, self._unit)
 
 
 class Raced(Protocol):

@@ -13,6 +13,7 @@ from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Placed
 from mercator_design.modules.module import Module
 from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.plugins.registries import is_ours
 from mercator_design.sim.checks.no_effect import ground_levels, readings_on, seen_colours
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.robot_parts import LidarNeighbours, Uniform
@@ -42,11 +43,26 @@ def beta_of(one: Placed) -> float | None:
     return one.parameters[0] if one.module.has_beta else None
 
 
-def chance(one: Placed, model: ReferenceModel, readings: Readings) -> float:
-    """The probability of a condition in a situation; NaN if it also depends on other things."""
-    module = one.module
-    is_known = module.reads <= {"ground", "neighbours"} and module.memory == 0
-    return module.probability(model, readings, one.parameters) if is_known else math.nan
+def chances_in(
+    tried: Sequence[Readings],
+    one: Placed,
+    reference: ReferenceModel,
+    mission: Mission | None,
+    model: RobotModel | None,
+) -> list[float]:
+    """The probability of a condition in each situation; NaN if it may also depend on other things."""
+    if not _is_judged(one.module, mission, model):
+        return [math.nan] * len(tried)
+    return [one.module.probability(reference, each, one.parameters) for each in tried]
+
+
+def _is_judged(module: Module, mission: Mission | None, model: RobotModel | None) -> bool:
+    """Whether the situations have all that a condition depends on; own ones may distinguish any colours."""
+    if not module.reads <= {"ground", "neighbours"} or module.memory:
+        return False
+    if is_ours(module.function) or "ground" not in module.reads:
+        return True
+    return mission is not None and model is not None and ground_levels(mission, model) is not None
 
 
 def sense_findings(place: str, module: Module, mission: Mission | None, model: RobotModel | None) -> Iterator[Finding]:

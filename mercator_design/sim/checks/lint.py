@@ -8,16 +8,15 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.errors import FsmError
 from mercator_design.fsm.pfsm import Pfsm, State, Transition
-from mercator_design.fsm.text import out_of_domain
 from mercator_design.missions.mission import Mission
-from mercator_design.modules.architecture import Software
+from mercator_design.modules.architecture import Software, out_of_domain
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.sim.checks.findings import (
     NEGLIGIBLE,
     Finding,
     beta_of,
-    chance,
+    chances_in,
     sense_findings,
     situations,
     why_never,
@@ -92,7 +91,7 @@ class _Linter:
         self.situations = situations(mission, model)
         reference = model.reference_model if model else flavour_of(pfsm.flavour).reference_model(ReferenceModel())
         self.chances = {
-            (i, j): [chance(edge, reference, each) for each in self.situations] for i, j, edge in self._edges()
+            (i, j): chances_in(self.situations, edge, reference, mission, model) for i, j, edge in self._edges()
         }
         self.dead = {place for place, chances in self.chances.items() if max(chances) <= NEGLIGIBLE}
 

@@ -8,19 +8,20 @@ may be ticked that never are; a finding is certain.
 from collections.abc import Iterator
 
 from mercator_design.missions.mission import Mission
+from mercator_design.modules.architecture import out_of_domain
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import ReferenceModel
 from mercator_design.sim.checks.findings import (
     NEGLIGIBLE,
     Finding,
-    chance,
+    chances_in,
     sense_findings,
     situations,
     why_never,
 )
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.tree.control import FAILURE, RUNNING, SUCCESS
-from mercator_design.tree.text import out_of_domain
+from mercator_design.tree.text import only_original
 from mercator_design.tree.tree import Tree, TreeNode, children_of, place_of
 
 _Statuses = frozenset[float]
@@ -41,7 +42,7 @@ class _TreeLinter:
         self.places = [f"{place_of(identifier)} ({node.name or node.kind})" for identifier, node in tree.preorder]
         self.children = [[*children_of(k, tree.links[1])] for k in range(len(self.nodes))]
         self.chances = {
-            k: [chance(node, self.reference, each) for each in self.situations]
+            k: chances_in(self.situations, node, self.reference, mission, model)
             for k, node in enumerate(self.nodes)
             if node.kind == "condition"
         }
@@ -104,6 +105,7 @@ class _TreeLinter:
 
     def findings(self) -> Iterator[Finding]:
         found: list[str] = []
+        only_original(self.tree, found.append)
         out_of_domain(self.tree, found.append)
         for one in found:
             place, _, words = one.partition(": ")

@@ -72,6 +72,8 @@ def _ring(branches: Sequence[Branch], swarm: KnownSwarm) -> Iterator[str]:
         acting = branch.action
         yield f"\nBranch {i}: {with_parameters(acting.module, acting.parameters)}"
         yield f"  The robot {module_words(acting.module, acting.parameters, swarm)}."
+        if acting.module.failure >= 0:
+            yield "  Where that fails, it stands still for a cycle, and begins again with branch 0."
         if i + 1 < len(branches):
             yield f"  It goes on to branch {i + 1} in the same cycle"
         else:

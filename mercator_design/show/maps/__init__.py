@@ -1,0 +1,1 @@
+"""Maps of swarms as files for people and other programs."""

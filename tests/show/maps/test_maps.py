@@ -1,0 +1,166 @@
+"""Maps in the formats of other programs, and the command that makes them."""
+
+import csv
+import gzip
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from PIL import Image
+
+from mercator_design.cli import cli
+from mercator_design.mapping.merit.occupancy import distances_to
+from mercator_design.mapping.plan.plans import plans_of
+from mercator_design.mapping.swarm import map_swarm
+from mercator_design.show.maps import formats
+from mercator_design.show.maps.folder import write_maps
+from mercator_design.show.maps.summary import text
+from tests.mapping import analytic
+
+pytestmark = pytest.mark.together
+
+
+@pytest.fixture(scope="module")
+def log():
+    return analytic.log(seconds=12.0)
+
+
+@pytest.fixture(scope="module")
+def plan(log):
+    start = log.truth[np.searchsorted(log.truth_times, log.turns[0].middle - 0.1)]
+    (plan,) = plans_of(map_swarm([replace(log, name="robot <1>", start=start)]))
+    return plan
+
+
+def test_the_map_of_ros(plan):
+    """As map_server reads it: the first row of the picture is the last one of y, and 205 is unknown."""
+    grid = plan.occupancy
+    levels = np.asarray(Image.open(io.BytesIO(formats.pgm_of(grid))))
+    assert set(np.unique(levels)) == {0, 205, 254}
+    described = yaml.safe_load(formats.yaml_of(grid, "map.pgm"))
+    assert described["image"] == "map.pgm"
+    share = (255 - levels) / 255
+    occupied, free = share > described["occupied_thresh"], share < described["free_thresh"]
+    assert (levels[occupied] == 0).all()
+    assert (levels[free] == 254).all()
+    rows, columns = np.nonzero(occupied)
+    y = described["origin"][1] + (len(levels) - 1 - rows + 0.5) * described["resolution"]
+    x = described["origin"][0] + (columns + 0.5) * described["resolution"]
+    assert np.median(distances_to(analytic.ROOM, np.column_stack([x, y]))) < 0.05
+
+
+def test_ways_in_the_format_of_tum(plan):
+    (way,) = plan.ways
+    rows = np.loadtxt(io.StringIO(formats.tum_of(replace(way, offset=0.5))))
+    assert rows.shape == (len(way.turns), 8)
+    assert rows[:, 0] == pytest.approx(way.times - 0.5, abs=1e-6)
+    assert rows[:, 1:3] == pytest.approx(way.poses[:, :2], abs=1e-5)
+    assert np.hypot(rows[:, 6], rows[:, 7]) == pytest.approx(1.0)
+    turned = 2 * np.arctan2(rows[:, 6], rows[:, 7]) - way.poses[:, 2]
+    assert np.cos(turned) == pytest.approx(1.0)
+
+
+def test_walls_as_geojson(plan):
+    found = json.loads(formats.geojson_of(plan))
+    kinds = [one["properties"]["kind"] for one in found["features"]]
+    assert kinds.count("wall") == len(plan.lines) > 4
+    assert kinds.count("way") == 1
+    assert found["features"][0]["geometry"]["type"] == "LineString"
+    assert np.allclose(found["features"][0]["geometry"]["coordinates"], plan.lines[0].reshape(2, 2), atol=1e-4)
+
+
+def test_pieces_as_csv(plan):
+    header, *rows = csv.reader(io.StringIO(formats.surfels_csv(plan.pieces)))
+    assert header == ["x", "y", "normal_x", "normal_y", "points"]
+    assert np.array(rows, float)[:, :2] == pytest.approx(plan.pieces[:, :2], abs=1e-4)
+
+
+def test_a_folder(plan, tmp_path):
+    """Two maps have files of their own, and a robot's name is no path."""
+    found = write_maps(tmp_path / "a" / "b", [plan, plan], ["Two maps."], "a caption")
+    names = sorted(file.name for file in (tmp_path / "a" / "b").iterdir())
+    ends = [tuple(name.split(".")) for name in names]
+    first = [("map", "pgm"), ("map", "png"), ("map", "yaml"), ("robot-1", "tum")]
+    first += [("surfels", "csv"), ("walls", "geojson")]
+    second = [(f"{stem}-2", suffix) for stem, suffix in first]
+    assert sorted(ends) == sorted([*first, *second, ("summary", "json")])
+    assert json.loads((tmp_path / "a" / "b" / "summary.json").read_text()) == found
+    with Image.open(tmp_path / "a" / "b" / "map.png") as picture:
+        assert min(picture.size) > 300
+    said = text(found)
+    assert "map 2: 1 robot" in said
+    assert "Two maps." in said
+    assert "error of turns" in said
+
+
+def carmen_of(log):
+    """The log of a robot as lines of CARMEN, ahead half only; times of the middle of a turn."""
+    lines = ["# CARMEN Logfile"]
+    for turn in log.turns:
+        ahead = np.abs(turn.angles) <= np.pi / 2
+        angles, ranges = turn.angles[ahead][::-1], turn.ranges[ahead][::-1]
+        even = np.interp(np.linspace(-np.pi / 2, np.pi / 2, 361), angles, ranges)
+        x, y, theta = [np.interp(turn.middle, log.odometry_times, log.odometry[:, k]) for k in range(3)]
+        pose = f"{x} {y} {theta}"
+        readings = " ".join(f"{one:.3f}" for one in even)
+        lines.append(f"FLASER 361 {readings} {pose} {pose} {turn.middle} host {turn.middle}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def carmen(tmp_path):
+    still = lambda t: np.column_stack([0.1 * np.asarray(t), 0 * np.asarray(t), 0 * np.asarray(t)])  # noqa: E731
+    path = tmp_path / "log.gz"
+    path.write_bytes(gzip.compress(carmen_of(analytic.log(pose_at=still, seconds=6.0, lost=0.0)).encode()))
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli, ["map", *map(str, arguments)], catch_exceptions=False)
+
+
+def test_the_command(carmen, tmp_path):
+    done = run(carmen, "-o", tmp_path / "map", "--start", "1,2,90", "--resolution", "0.1", "-q")
+    assert done.exit_code == 0
+    assert done.stdout.startswith("map: 1 robot, ")
+    assert done.stdout.endswith(f"{tmp_path / 'map'}\n")
+    assert done.stderr == ""
+    first = np.loadtxt(tmp_path / "map" / "log.tum")[0]
+    assert first[1:3] == pytest.approx([1.0, 2.0], abs=0.05)
+    assert first[6] == pytest.approx(np.sqrt(0.5), abs=0.01)
+    assert json.loads((tmp_path / "map" / "summary.json").read_text())["maps"][0]["resolution"] == 0.1
+
+
+def test_the_same_log_gives_the_same_files(carmen, tmp_path):
+    for name in "ab":
+        run(carmen, "-o", tmp_path / name, "-q")
+    for file in ("map.pgm", "walls.geojson", "surfels.csv", "log.tum"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_json(carmen, tmp_path):
+    done = run(carmen, "-o", tmp_path / "map", "--json", "-q")
+    assert json.loads(done.stdout) == json.loads((tmp_path / "map" / "summary.json").read_text())
+
+
+def test_mistakes(carmen, tmp_path):
+    def fails(*arguments):
+        try:
+            done = run(*arguments, "-o", tmp_path / "map")
+        except Exception as error:  # noqa: BLE001 - the command line prints it
+            return str(error)
+        return done.output
+
+    (tmp_path / "text").write_text("no log")
+    assert "text: expected a log" in fails(tmp_path / "text")
+    assert "nothing: cannot be read" in fails(tmp_path / "nothing")
+    assert "expected --start once for each of 1 robots, found 2" in fails(carmen, *["--start", "0,0,0"] * 2)
+    lines = gzip.decompress(carmen.read_bytes()).replace(b"FLASER 361 ", b"FLASER 9999 ", 1)
+    (tmp_path / "broken").write_bytes(lines)
+    assert "broken:2: expected readings, poses and times of CARMEN" in fails(tmp_path / "broken")
+    (tmp_path / "cut").write_bytes(carmen.read_bytes()[:-200])
+    assert "cut: cannot be read" in fails(tmp_path / "cut")

@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from mercator_design.cli.inputs import check_apart
-from mercator_design.cli.options import FOLDER, FSM, JSON, PROGRESS, seed_of
+from mercator_design.cli.options import FOLDER, JSON, PROGRESS, seed_of
 from mercator_design.cli.terminal import command_line
 from mercator_design.cli.views.sources import StartingPose
 from mercator_design.command import NumberRange, print_note, print_result
@@ -30,7 +30,7 @@ _STAGES = {"turns": (0, 60), "loops": (0, 60), "frames": (60, 75), "keyframes": 
 
 
 @click.command()
-@click.argument("logs", nargs=-1, required=True, type=FSM, metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @click.option("-o", "--output", type=FOLDER, default=Path("map"), show_default=True, help="Folder of the map's files.")
 @click.option(
     "--start",

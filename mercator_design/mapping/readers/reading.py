@@ -1,19 +1,27 @@
 """Reads logs of robots, in whatever format they are."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mercator_design.arrays import Floats
 from mercator_design.errors import MercatorError
 from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.readers.bags import is_bag, read_bag
 from mercator_design.mapping.readers.carmen import is_carmen, read_carmen
+from mercator_design.mapping.readers.robot_logs import read_robot_log
+from mercator_design.mapping.readers.traces import SUFFIX, read_trace_logs
 
 _BEGINNING = 1 << 16
 """Bytes of a file by which its format is known."""
+_SINCE_1970 = 1e8
+"""[s] Times of logs that are counted from 1970 are more than this."""
 
 
 def read_logs(paths: Sequence[Path], lidar_pose: Floats | None = None) -> list[RobotLog]:
     """The logs of all robots in some files, in the order of the files.
+
+    Times of several files are counted from the same moment, so that clocks differ as they did.
 
     Args:
         paths: Of the files.
@@ -22,10 +30,23 @@ def read_logs(paths: Sequence[Path], lidar_pose: Floats | None = None) -> list[R
     Raises:
         MercatorError: A file cannot be read, or is no log.
     """
-    return [log for path in paths for log in _read(path, lidar_pose)]
+    logs = [log for path in paths for log in _read(path, lidar_pose)]
+    begin = min((float(log.turns[0].times[0]) for log in logs), default=0.0)
+    return [_since(log, begin) for log in logs] if begin > _SINCE_1970 else logs
+
+
+def _since(log: RobotLog, begin: float) -> RobotLog:
+    """A log whose times are counted from a moment [s]."""
+    turns = [turn._replace(times=turn.times - begin) for turn in log.turns]
+    truth_times = None if log.truth_times is None else log.truth_times - begin
+    return replace(log, turns=turns, odometry_times=log.odometry_times - begin, truth_times=truth_times)
 
 
 def _read(path: Path, lidar_pose: Floats | None) -> list[RobotLog]:
+    if is_bag(path):
+        return read_bag(path, lidar_pose)
+    if path.suffix.lower() == SUFFIX:
+        return read_trace_logs(path, lidar_pose)
     try:
         with path.open("rb") as file:
             beginning = file.read(_BEGINNING)
@@ -33,4 +54,9 @@ def _read(path: Path, lidar_pose: Floats | None) -> list[RobotLog]:
         raise MercatorError(f"{path}: cannot be read: {wrong.strerror}") from None
     if is_carmen(beginning):
         return [read_carmen(path, lidar_pose)]
-    raise MercatorError(f"{path}: expected a log with turns of a lidar: of CARMEN, found another file")
+    if beginning.startswith(b"{"):
+        return [read_robot_log(path, lidar_pose)]
+    raise MercatorError(
+        f"{path}: expected a log with turns of a lidar: of mercator-robot, a trace of `mdesign record --turns` (.npz), "
+        "a bag of ROS, or of CARMEN; found another file"
+    )

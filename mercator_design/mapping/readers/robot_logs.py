@@ -66,10 +66,14 @@ class _Heard:
             self.places.append((event.time, x, y))
 
 
-def read_robot_log(path: Path) -> RobotLog:
+def read_robot_log(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     """The log of a robot's run or recording; its times are those of its computer [s, since 1970].
 
     If the robot was started together with others, times are by the clock of the computer that started them.
+
+    Args:
+        path: Of the log.
+        lidar_pose: (3,) of the lidar on the robot, in place of its angle in the log; None: at its centre.
 
     Raises:
         RobotError: if it cannot be read, is not such a log or is damaged before its end; or it has no turns of the
@@ -92,9 +96,9 @@ def read_robot_log(path: Path) -> RobotLog:
     if isinstance(start, RunStarted) and start.clock is not None:
         began -= start.clock.ahead
     times, odometry = _odometry(heard.yaws, heard.places)
-    return RobotLog(
-        name=start.robot, turns=_turns(heard.passages, began), odometry_times=began + times, odometry=odometry
-    )
+    mounted = np.array([0.0, 0.0, start.lidar_angle]) if lidar_pose is None else np.asarray(lidar_pose, float)
+    turns = _turns(heard.passages, began, start.lidar_angle)
+    return RobotLog(start.robot, turns, began + times, odometry, mounted)
 
 
 def _of_samples(turn: TurnTaken, front: float) -> _Passage | None:
@@ -142,11 +146,11 @@ def _unwound(ends: Sequence[tuple[int, int]]) -> tuple[Floats, Floats]:
     return np.array(firsts, dtype=float), np.array(lasts, dtype=float)
 
 
-def _turns(passages: Sequence[_Passage], began: float) -> list[Turn]:
-    """The turns, with the times of their beams [s, since 1970], of a log that began at a time."""
+def _turns(passages: Sequence[_Passage], began: float, front: float) -> list[Turn]:
+    """The turns, with the times of their beams [s, since 1970], of a log that began at a time; angles from a front."""
     durations = _durations([passage.begins(_USUAL_TURN) for passage in passages])
     return [
-        Turn(began + passage.begins(turn) + turn * passage.travelled, passage.angles, passage.ranges)
+        Turn(began + passage.begins(turn) + turn * passage.travelled, passage.angles - front, passage.ranges)
         for passage, turn in zip(passages, durations, strict=True)
     ]
 

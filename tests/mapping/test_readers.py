@@ -1,0 +1,323 @@
+"""Readers of traces, bags and robots' recordings: what comes back, and what is said of files that are not fit."""
+
+import contextlib
+import math
+import random
+import zipfile
+
+import numpy as np
+import pytest
+
+from mercator_design.errors import MercatorError
+from mercator_design.fsm import parse
+from mercator_design.mapping.readers.bags import is_bag, read_bag
+from mercator_design.mapping.readers.reading import read_logs
+from mercator_design.mapping.readers.robot_logs import read_robot_log
+from mercator_design.mapping.readers.simulation import logs_of
+from mercator_design.mapping.readers.traces import read_trace_logs
+from mercator_design.missions.mission import load_mission
+from mercator_design.robot.logs.events import RecordingStarted, SampleTaken, TurnTaken
+from mercator_design.robot.logs.log import Log
+from mercator_design.show.text.recording import write_recording
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.sim.simulate import Simulator
+
+pytestmark = pytest.mark.together("kernels")  # compiled once
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    simulator = Simulator(load_mission("map_dodecagon", ["duration=3"]), load_robot_model("mercator-drifting"))
+    return simulator.run(parse("--nstates 1 --s0 0 --rwm0 20"), 1)
+
+
+@pytest.fixture(scope="module")
+def logs(outcome):
+    return logs_of(outcome.recording)
+
+
+@pytest.fixture
+def trace(outcome, tmp_path):
+    with (tmp_path / "trace.npz").open("wb") as file:
+        write_recording(file, outcome.trace, [], every=1, suffix=".npz", turns=outcome.recording)
+    return tmp_path / "trace.npz"
+
+
+def assert_same(found, expected, *, exact=1e-6):
+    assert len(found.turns) == len(expected.turns)
+    for one, other in zip(found.turns, expected.turns, strict=True):
+        for name in ("times", "angles", "ranges"):
+            assert getattr(one, name) == pytest.approx(getattr(other, name), abs=exact), name
+    assert found.odometry_times == pytest.approx(expected.odometry_times, abs=exact)
+    assert found.odometry == pytest.approx(expected.odometry, abs=exact)
+
+
+class TestTraces:
+    def test_all_robots_with_their_true_poses(self, trace, logs, outcome):
+        found = read_trace_logs(trace)
+        assert [log.name for log in found] == ["robot 0", "robot 1", "robot 2"]
+        for log, expected in zip(found, logs, strict=True):
+            assert_same(log, expected)
+        assert np.array_equal(found[1].truth, outcome.trace.poses[1:, 1])
+        assert found[0].start is None
+        mounted = read_trace_logs(trace, np.array([0.1, 0.0, 0.5]))
+        assert mounted[0].lidar_pose.tolist() == [0.1, 0.0, 0.5]
+
+    def test_a_trace_without_turns(self, outcome, tmp_path):
+        with (tmp_path / "t.npz").open("wb") as file:
+            write_recording(file, outcome.trace, [], every=1, suffix=".npz")
+        with pytest.raises(
+            MercatorError, match=r"t\.npz: expected the arrays .*missing: turn_.*record it with --turns"
+        ):
+            read_trace_logs(tmp_path / "t.npz")
+
+    @pytest.mark.parametrize(
+        ("name", "change", "words"),
+        [
+            ("turn", lambda a: a[:, :2], r"turn_start: expected numbers \(\d+, 3\)|turn: expected numbers"),
+            ("turn", lambda a: np.full_like(a, np.nan), "turn: expected finite numbers in 3 dimensions"),
+            ("pose", lambda a: a[..., 0], "pose: expected finite numbers in 3 dimensions, found 2 of float64"),
+            ("odometry_time", lambda a: a[::-1], "odometry_time: expected times that rise"),
+            ("odometry", lambda a: a.astype(str), "odometry: expected finite numbers in 3 dimensions, found 3 of <U"),
+            ("pose", lambda a: a[:0], "expected numbers"),
+        ],
+    )
+    def test_arrays_that_do_not_fit(self, trace, name, change, words):
+        with np.load(trace) as file:
+            arrays = dict(file)
+        if "finite" in words and name != "turn":
+            np.savez(trace, **arrays | {name: change(arrays[name])})
+        else:
+            np.savez(trace, **arrays | {name: change(arrays[name])})
+        with pytest.raises(MercatorError, match=words):
+            read_trace_logs(trace)
+
+
+def test_garbage_is_no_trace(trace):
+    whole, draw = trace.read_bytes(), random.Random(3)
+    damaged = [b"", b"PK", whole[:100], whole[: len(whole) // 2], whole[:-30], bytes(draw.randbytes(2000))]
+    for _ in range(10):
+        at = draw.randrange(len(whole))
+        damaged.append(whole[:at] + bytes([whole[at] ^ 0x55]) + whole[at + 1 :])
+    for data in damaged:
+        trace.write_bytes(data)
+        with contextlib.suppress(MercatorError):  # a flipped bit may be of a checksum's own
+            read_trace_logs(trace)
+    with zipfile.ZipFile(trace, "w") as archive:
+        archive.writestr("turn.npy", b"x")
+    with pytest.raises(MercatorError, match=r"missing: time, .*; is it damaged\?"):
+        read_trace_logs(trace)
+
+
+rosbags = pytest.importorskip("rosbags")
+
+
+def messages(store, logs, stamp):
+    """The topics, types, times and messages of logs."""
+    types = store.types
+    scan, odometry = types["sensor_msgs/msg/LaserScan"], types["nav_msgs/msg/Odometry"]
+
+    def header(time):
+        return types["std_msgs/msg/Header"](stamp=stamp(time), frame_id="laser", **({"seq": 0} if has_numbers else {}))
+
+    has_numbers = "seq" in types["std_msgs/msg/Header"].__annotations__  # ROS 1
+    for number, log in enumerate(logs):
+        for turn in log.turns:
+            n = len(turn.times)
+            yield (
+                f"/robot{number}/scan",
+                scan,
+                float(turn.times[0]),
+                scan(
+                    header=header(float(turn.times[0])),
+                    angle_min=float(turn.angles[0]),
+                    angle_max=float(turn.angles[-1]),
+                    angle_increment=float(turn.angles[-1] - turn.angles[0]) / (n - 1),
+                    time_increment=float(turn.times[-1] - turn.times[0]) / (n - 1),
+                    scan_time=0.14,
+                    range_min=0.12,
+                    range_max=12.0,
+                    ranges=np.where(turn.ranges > 0.0, turn.ranges, np.inf).astype(np.float32),
+                    intensities=np.zeros(0, dtype=np.float32),
+                ),
+            )
+        for time, (x, y, heading) in zip(log.odometry_times.tolist(), log.odometry.tolist(), strict=True):
+            at = types["geometry_msgs/msg/Pose"](
+                position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
+                orientation=types["geometry_msgs/msg/Quaternion"](
+                    x=0.0, y=0.0, z=math.sin(0.5 * heading), w=math.cos(0.5 * heading)
+                ),
+            )
+            zero = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
+            yield (
+                f"/robot{number}/odom",
+                odometry,
+                time,
+                odometry(
+                    header=header(time),
+                    child_frame_id="base",
+                    pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=at, covariance=np.zeros(36)),
+                    twist=types["geometry_msgs/msg/TwistWithCovariance"](
+                        twist=types["geometry_msgs/msg/Twist"](linear=zero, angular=zero), covariance=np.zeros(36)
+                    ),
+                ),
+            )
+
+
+BEGIN = 1_700_000_000.0
+"""[s] of the clock of the bags."""
+
+
+def write_bag(path, logs, version):
+    """A bag of ROS 1 or 2 with all topics of logs."""
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+
+    def stamp(time):
+        whole = math.floor(BEGIN + time)
+        kind = store.types["builtin_interfaces/msg/Time"]
+        return kind(sec=whole, nanosec=round(1e9 * (BEGIN + time - whole)) % 10**9)
+
+    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=9)
+    serialize = store.serialize_ros1 if version == 1 else store.serialize_cdr
+    with writer:
+        connections = {}
+        for topic, kind, time, message in sorted(messages(store, logs, stamp), key=lambda each: each[2]):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind.__msgtype__, typestore=store)
+            writer.write(connections[topic], round(1e9 * (BEGIN + time)), serialize(message, kind.__msgtype__))
+    return path
+
+
+@pytest.fixture
+def shifted(logs):
+    """The first two logs, at times after that of a bag's beginning."""
+    return logs[:2]
+
+
+@pytest.mark.parametrize(("version", "name"), [(1, "swarm.bag"), (2, "swarm")])
+def test_a_bag_of_ros(tmp_path, shifted, version, name):
+    path = write_bag(tmp_path / name, shifted, version)
+    assert is_bag(path)
+    found = read_bag(path, np.array([0.0, 0.0, 0.1]))
+    assert [log.name for log in found] == ["robot0", "robot1"]
+    for log, expected in zip(found, shifted, strict=True):
+        assert log.lidar_pose.tolist() == [0.0, 0.0, 0.1]
+        assert len(log.turns) == len(expected.turns)
+        for one, other in zip(log.turns, expected.turns, strict=True):
+            assert one.times - BEGIN == pytest.approx(other.times, abs=1e-5)
+            assert one.angles == pytest.approx(other.angles, abs=1e-4)
+            assert one.ranges == pytest.approx(other.ranges, abs=1e-5)
+        assert log.odometry_times - BEGIN == pytest.approx(expected.odometry_times, abs=1e-6)
+        assert log.odometry == pytest.approx(expected.odometry, abs=1e-6)
+
+
+@pytest.mark.parametrize(("version", "name"), [(1, "swarm.bag"), (2, "swarm")])
+def test_a_damaged_bag(tmp_path, shifted, version, name):
+    path = write_bag(tmp_path / name, shifted, version)
+    file = path if version == 1 else next(path.glob("*.db3"))
+    whole, draw = file.read_bytes(), random.Random(3)
+    for part in (0.0, 0.001, 0.1, 0.5, 0.99):
+        file.write_bytes(whole[: int(part * len(whole))])
+        with pytest.raises(MercatorError, match=r"swarm(\.bag)?: expected "):
+            read_bag(path)
+    file.write_bytes(draw.randbytes(3000))
+    with pytest.raises(MercatorError, match=r"swarm(\.bag)?: expected a bag of ROS 1 or 2, found "):
+        read_bag(path)
+
+
+def test_a_bag_without_odometry_tells_its_topics(tmp_path, shifted):
+    import dataclasses
+
+    only_scans = [dataclasses.replace(shifted[0], odometry_times=np.zeros(0), odometry=np.zeros((0, 3)))]
+    path = write_bag(tmp_path / "swarm.bag", only_scans, 1)
+    with pytest.raises(
+        MercatorError, match=r"expected topics /scan .* found /robot0/scan \(sensor_msgs/msg/LaserScan\)"
+    ):
+        read_bag(path)
+
+
+def test_without_the_library_a_sentence_says_what_to_install(monkeypatch, tmp_path):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(MercatorError, match=r"expected the package rosbags, found none: .*pip install '\.\[map\]'"):
+        read_bag(tmp_path / "x.bag")
+
+
+class TestRecordings:
+    """Of `mercator-robot record` and `teleop`, also of an earlier version."""
+
+    @pytest.mark.parametrize("has_packets", [True, False])
+    def test_times_of_beams_follow_from_their_angles(self, tmp_path, has_packets):
+        turn, beams = 719 / 5000, 719
+        path = tmp_path / "r.jsonl"
+        with Log(path) as log:
+            log.begin(RecordingStarted(robot="one", lidar_angle=0.2))
+            for k in range(20):
+                log.note(SampleTaken(time=0.05 * k, sensor="attitude", values=(0.0, 0.0, 0.1 * k)))
+                log.note(SampleTaken(time=0.05 * k, sensor="position", values=(0.01 * k, 0.0)))
+            for n in range(5):
+                clockwise = 2 * math.pi * np.arange(beams) / beams
+                readings = tuple(((0.2 - angle) % (2 * math.pi), 0.0) for angle in clockwise.tolist())
+                end = round(0.3 + (n + 1) * turn, 4)
+                packets = (
+                    tuple(
+                        (round(1e4 * (turn - (k + count) / 5000)), 0, 0, count)
+                        for k, count in [(0, 1), *((1 + 40 * i, 40) for i in range(17)), (681, 38)]
+                    )
+                    * has_packets
+                )
+                late = 0.0 if has_packets else 0.008
+                log.note(TurnTaken(time=round(end + late, 4), readings=readings, packets=packets))
+        found = read_robot_log(path)
+        assert found.name == "one"
+        assert found.odometry[:, 2] == pytest.approx(0.1 * np.arange(20))
+        begin = found.odometry_times[0]
+        for n, one in enumerate(found.turns):
+            expected = 0.3 + (n + np.arange(beams) / beams) * turn
+            assert one.times - begin == pytest.approx(expected, abs=0.002)
+            assert np.sin(one.angles + 2 * math.pi * np.arange(beams) / beams) == pytest.approx(0.0, abs=1e-4)
+        assert found.lidar_pose.tolist() == [0.0, 0.0, 0.2]
+        assert read_robot_log(path, np.zeros(3)).lidar_pose.tolist() == [0.0, 0.0, 0.0]
+
+    def test_without_odometry(self, tmp_path):
+        with Log(tmp_path / "r.jsonl") as log:
+            log.begin(RecordingStarted(robot="one", lidar_angle=0.0))
+            log.note(TurnTaken(time=0.2, readings=((1.0, 2.0), (0.9, 2.0))))
+        with pytest.raises(MercatorError, match=r"r\.jsonl: expected odometry, .* found 0 yaws and 0 places"):
+            read_robot_log(tmp_path / "r.jsonl")
+
+
+class TestAnyFile:
+    def test_formats_are_told_by_names_and_contents(self, trace, tmp_path, logs, shifted):
+        carmen = tmp_path / "one.log"
+        carmen.write_text("FLASER 2 1.0 2.0 0 0 0 0 0 0 1.0 h 1.0\nFLASER 2 1.0 2.0 0 0 0 1 0 0 2.0 h 2.0\n")
+        recording = tmp_path / "r.jsonl"
+        with Log(recording) as log:
+            log.begin(RecordingStarted(robot="one", lidar_angle=0.0))
+            for k in range(3):
+                log.note(SampleTaken(time=0.05 * k, sensor="attitude", values=(0.0, 0.0, 0.0)))
+                log.note(SampleTaken(time=0.05 * k, sensor="position", values=(0.0, 0.0)))
+            log.note(TurnTaken(time=0.3, readings=((1.0, 2.0), (0.9, 2.0))))
+        bag = write_bag(tmp_path / "bag", shifted, 2)
+        found = read_logs([trace, carmen, recording, bag, next(bag.glob("*.db3"))])
+        assert len(found) == 3 + 1 + 1 + 2 + 2
+
+    def test_times_since_1970_are_counted_from_the_first_turn(self, tmp_path, shifted):
+        paths = [write_bag(tmp_path / f"{k}.bag", [log], 1) for k, log in enumerate(shifted)]
+        found = read_logs(paths)
+        first = min(log.turns[0].times[0] for log in shifted)
+        for log, expected in zip(found, shifted, strict=True):
+            assert log.odometry_times == pytest.approx(expected.odometry_times - first, abs=1e-6)
+            assert log.turns[1].times == pytest.approx(expected.turns[1].times - first, abs=1e-5)
+
+    @pytest.mark.parametrize("data", [b"", b"abc\n", b"\x89PNG", b"\x1f\x8b garbage"])
+    def test_another_file(self, tmp_path, data):
+        (tmp_path / "x.txt").write_bytes(data)
+        with pytest.raises(MercatorError, match=r"x\.txt: expected a log with turns of a lidar: of mercator-robot, "):
+            read_logs([tmp_path / "x.txt"])
+        with pytest.raises(MercatorError, match=r"none\.txt: cannot be read: No such file"):
+            read_logs([tmp_path / "none.txt"])

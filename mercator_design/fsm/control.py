@@ -81,7 +81,7 @@ def control_cycle(
 def transition_taken(
     pfsm: Pfsm, model: ReferenceModel, state: int, readings: Readings, draws: Sequence[float]
 ) -> Transition | None:
-    """Which transition from a state these readings and draws take, if any; not in the first cycle of the state."""
+    """The transition from a state that these readings and draws take, if any; not in the first cycle of the state."""
     program = pfsm.program()
     places = range(len(program.targets))  # where it leads tells which it was
     memory = new_row(program.memory)

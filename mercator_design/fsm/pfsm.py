@@ -36,7 +36,7 @@ class Program(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """How many numbers it keeps from cycle to cycle."""
+        """Count of the numbers that it keeps from cycle to cycle."""
         parts = (self.behaviours, self.conditions)
         return max([MEMORY, *(int(part.memory_ends[k]) for part in parts for k in range(len(part.memory_ends)))])
 

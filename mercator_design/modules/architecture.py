@@ -1,4 +1,4 @@
-"""What an architecture of control software is: PFSMs, and others beside them.
+"""Architectures of control software: PFSMs, and others beside them.
 
 Each architecture is a package (fsm/) that offers the functions of an `Architecture`; software/architectures.py lists
 them. All else (simulator, races, robots, files) knows control software by these alone.
@@ -26,7 +26,7 @@ class ControlProgram(Protocol):
 
     @property
     def memory(self) -> int:
-        """How many numbers it keeps from cycle to cycle; the first is the number of the active part."""
+        """Count of the numbers that it keeps from cycle to cycle; the first is the number of the active part."""
 
 
 class Placed(Protocol):
@@ -66,7 +66,7 @@ class Software(Hashable, Protocol):
 
 
 def outputs_of(software: Software) -> frozenset[str]:
-    """What its modules set, of OUTPUTS; without modules it is the wheels."""
+    """The outputs that its modules set, of OUTPUTS; without modules the wheels."""
     return frozenset({"wheels"}).union(*(one.module.sets for _, one in software.nodes))
 
 

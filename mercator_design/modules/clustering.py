@@ -1,4 +1,4 @@
-"""Which lidar readings are robots: neighbours as clusters of readings, the same in simulation and on the robot.
+"""Neighbours as clusters of lidar readings, the same in simulation and on the robot.
 
 The lidar heads of robots are all that stands at the height of a lidar within the arena, so readings in a robot's range
 that follow each other closely belong to one robot (the Mercator paper, section 4.4). Here a cluster may go on over the

@@ -21,7 +21,7 @@ _STEP = 0.15
 
 
 class Draws(Protocol):
-    """What is needed of a generator of random numbers, such as numpy's."""
+    """A generator of random numbers, such as numpy's."""
 
     def random(self) -> float: ...
 

@@ -1,4 +1,4 @@
-"""What the grammars of all architectures are made of: parameters of a space, as plain values.
+"""Parts of the grammars of all architectures: parameters of a space, as plain values.
 
 A grammar is the set of all control software of a flavour. Each architecture lists its parameters; a parameter of a
 module is active only where the module is chosen.
@@ -31,7 +31,7 @@ class GrammarParameter(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """What stands in a grammar for a module at a place."""
+    """A module at a place of a grammar: its number there, and the names of its parameters."""
 
     name: str  # of the module
     number: str
@@ -49,7 +49,7 @@ class Chosen(NamedTuple):
 
 
 def choices(modules: Mapping[int, Module], index: str) -> tuple[dict[str, Chosen], dict[str, Chosen]]:
-    """What stands for each module at a place, by number and by name."""
+    """The modules that may be chosen at a place, by number and by name."""
     found = [
         Chosen(
             module.name,

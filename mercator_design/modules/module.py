@@ -1,4 +1,4 @@
-"""What a module is: a behaviour or a condition that control software refers to by name.
+"""Modules: behaviours and conditions, to which control software refers by name.
 
 A module is one function, marked `@behaviour` or `@condition`, which is a kernel (see jit.py). Its signature says what
 its parameters are, the comments behind them their units and meaning, its docstring what it does. The marks enter it in
@@ -119,7 +119,7 @@ class Module:
 
     @property
     def sentence(self) -> str:
-        """What it does, in a sentence."""
+        """A sentence on its purpose, from its docstring."""
         return sentence_of(self.function)
 
     @cached_property

@@ -39,7 +39,7 @@ def ring_order(angles: Sequence[float]) -> list[int]:
 
 @jittable
 def ranges(readings: Readings) -> tuple[float, float, float, float, float, float, float, float]:
-    """What the proximity sensors see, counter-clockwise from the front, to be indexed in kernels."""
+    """The readings of the proximity sensors, counter-clockwise from the front, to be indexed in kernels."""
     return (
         readings.ranges_0,
         readings.ranges_1,
@@ -54,7 +54,7 @@ def ranges(readings: Readings) -> tuple[float, float, float, float, float, float
 
 @jittable
 def proximity_weight(model: ReferenceModel, distance: float) -> float:
-    """How much an obstacle at a distance [m] counts: 0 beyond the range, growing as it gets nearer."""
+    """The weight of an obstacle at a distance [m]: 0 beyond the range, growing as it gets nearer."""
     if distance > model.proximity_range:
         return 0.0
     if distance < model.proximity_near:

@@ -28,7 +28,7 @@ Place = Annotated[float, Range(-100.0, 100.0)]
 
 
 class Readings(NamedTuple):
-    """What a robot perceives in one control cycle. The defaults are neutral: nothing perceived.
+    """The perception of a robot in one control cycle. The defaults are neutral: nothing perceived.
 
     A field begins with the name of its sense (SENSES). Modules are tried with values of its range. A comment is that of
     the fields below it, too.
@@ -135,7 +135,7 @@ N_RANGES = sum(sense_of(field) == "ranges" for field in Readings._fields)
 
 
 class Actions(NamedTuple):
-    """What a robot does in one control cycle."""
+    """The outputs of a robot in one control cycle."""
 
     left: float  # speed of the left tread, as a fraction -1 to 1 of the robot's maximum speed
     right: float  # of the right tread

@@ -19,14 +19,14 @@ def probability_words(beta: float, swarm: "KnownSwarm", where: str) -> str:
 
 
 def robots_words(robots: int) -> str:
-    """How many robots there are, in a sentence."""
+    """The number of robots, in a sentence."""
     if robots == 1:
         return "There is 1 robot: it has no others."
     return f"There are {robots} robots: each has {robots - 1} other{'s' * (robots > 2)}."
 
 
 def others_words(robots: int) -> str:
-    """How many other robots a robot has."""
+    """The number of other robots that a robot has."""
     n = robots - 1
     return f"there {'are' if n > 1 else 'is'} {f'only {n}' if n else 'no'} other robot{'s' * (n > 1)}"
 
@@ -73,7 +73,7 @@ def parameters_words(module: "Module", values: tuple[float, ...]) -> str:
 
 
 def module_words(module: "Module", values: tuple[float, ...], swarm: "KnownSwarm") -> str:
-    """What a module with these parameters does: "stands still"; with which probability a condition holds."""
+    """A module with these parameters in words: "stands still"; of a condition the probability that it holds."""
     if module.words is not None:
         return module.words(swarm, *values)
     return f"runs {with_parameters(module, values)}: {module.sentence}" if module.sentence else f"runs {module.name}"

@@ -60,7 +60,7 @@ _LEVELS = (0.0, 0.18, 0.24, 0.30, 0.37, 0.50, 0.59, 0.92, 1.0)
 
 @jittable
 def gray_sample(u: float) -> float:
-    """What an e-puck's sensor reads on gray floor, 0 to 1, for a uniform draw in [0, 1)."""
+    """A reading of an e-puck's sensor on gray floor, 0 to 1, for a uniform draw in [0, 1)."""
     k = 1
     while k < len(_SHARES) - 1 and u > _SHARES[k]:
         k += 1

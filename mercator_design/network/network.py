@@ -60,7 +60,7 @@ class NetworkProgram(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """How many numbers it keeps from cycle to cycle (control.py)."""
+        """Count of the numbers that it keeps from cycle to cycle (control.py)."""
         return FIRST + N_INPUTS + 3 * (len(self.starts) - 1)
 
 
@@ -198,7 +198,7 @@ def perceptron_nodes() -> tuple[NetworkNode, ...]:
 
 
 class NetworkProblem(NamedTuple):
-    """What is wrong with a network: of which list, number in the list from 1 on (0: of the network), message."""
+    """A mistake in a network: the list, the place in it from 1 on (0: of the whole network), the message."""
 
     part: str  # nodes or genes
     number: int
@@ -206,7 +206,7 @@ class NetworkProblem(NamedTuple):
 
 
 def problems(nodes: Sequence[NetworkNode], genes: Sequence[Gene]) -> Iterator[NetworkProblem]:
-    """What makes a network of these nodes and genes invalid."""
+    """The mistakes in a network of these nodes and genes."""
     if len(nodes) > MAX_NODES:
         yield NetworkProblem("nodes", 0, f"expected at most {MAX_NODES} nodes, found {len(nodes)}")
     if len(genes) > MAX_GENES:

@@ -1,4 +1,4 @@
-"""What a network does, in words: what moves its wheels, and how it drives when it perceives one thing."""
+"""A network in words: the strongest weights of its wheels, and how it drives when it perceives one thing."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,7 +13,7 @@ _STILL, _SAME = 0.05, 0.1
 
 
 def explanation(network: Network) -> str:
-    """What robots with a network do, in sentences."""
+    """A description of robots with a network, in sentences."""
     lines = [f"A network: {network.summary}.", ""]
     lines += [f"{wheel.capitalize()} wheel: {words}." for wheel, words in _pushed(network)]
     rest, driven = responses(network)
@@ -53,7 +53,7 @@ def responses(network: Network) -> tuple[Wheels, list[tuple[str, Wheels]]]:
 
 
 def motion(left: float, right: float) -> str:
-    """How a robot drives with these wheels: "turns left on the spot (left -1.00, right 1.00)"."""
+    """The motion of a robot with these wheels: "turns left on the spot (left -1.00, right 1.00)"."""
     return f"{_motion(left, right)} (left {left:.2f}, right {right:.2f})"
 
 

@@ -71,7 +71,7 @@ def reporting_kernels(kernels: Mapping[Kernel, str], error: type[MercatorError] 
 
 
 def _what(failure: Exception, kernels: Mapping[Kernel, str]) -> str:
-    """What the kernels of plugins are, of which one has failed."""
+    """The kinds of the kernels of plugins of which one has failed."""
     codes = {frame.f_code for frame, _ in traceback.walk_tb(failure.__traceback__)}
     reached = {what: None for kernel, what in kernels.items() if defined(kernel).__code__ in codes}
     foreign = {what: None for kernel, what in kernels.items() if not is_ours(defined(kernel))}
@@ -85,7 +85,7 @@ def _is_compiled(failure: Exception) -> bool:
 
 
 def _first_lines(kernels: Collection[Kernel]) -> str:
-    """Where kernels of plugins begin."""
+    """The lines where kernels of plugins begin."""
     lines = [*dict.fromkeys(first_line(defined(kernel)) for kernel in kernels if not is_ours(defined(kernel)))]
     if len(lines) < 2:
         return "".join(lines)

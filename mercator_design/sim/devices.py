@@ -71,7 +71,7 @@ _GRAVITY = 9.81
 class Recording:
     """One experiment, with the values of its devices: `recording.measure("imu")`."""
 
-    robot_model: RobotModel
+    robot_model: RobotModel  # with the constants of the flavour
     scene: Scene  # with the floor of the start
     history: History
     noise_keys: Keys  # (robots,)

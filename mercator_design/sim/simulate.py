@@ -92,7 +92,7 @@ class PreparedExperiment:
             raise SimulationError(f"{mission.name}: seed {self.seed}: the simulation lost track of a robot")
         self._check_outputs()
         recording = Recording(
-            robot_model=instance.robot_model,
+            robot_model=instance.robot_model.with_flavour(self.tables.flavour.name),
             scene=instance.start,
             history=history,
             noise_keys=instance.swarm.noise_keys,

@@ -37,5 +37,5 @@ class Controller:
         return Actions(*self._actions[:SCRATCH])
 
     def reason(self, state: int, readings: Readings, draws: Sequence[float]) -> str:
-        """Why these readings and draws make another part active, in a word; empty if they do not."""
+        """The reason for which these readings and draws make another part active, in a word; empty if they do not."""
         return architecture_of(self.software.flavour).reason(self.software, self._model, state, readings, draws)

@@ -1,4 +1,4 @@
-"""Whether two computers decide alike: a digest of all by which a robot perceives and acts."""
+"""A digest of all by which a robot perceives and acts: two computers with the same digest decide alike."""
 
 import hashlib
 from importlib.resources import files

@@ -30,7 +30,7 @@ _YAML_BEGINS = re.compile(r"""---|\{|["']?[\w ]+["']?\s*:(\s|$)""")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FsmFile:
-    """What a file of control software holds."""
+    """The contents of a file of control software."""
 
     software: Software
     header: Mapping[str, str]  # what is known of it: the comment lines of an fsm.txt, or `header` of an fsm.yaml

@@ -1,4 +1,4 @@
-"""What control software needs that is not shipped: its flavour's file, and the plugins that define its modules.
+"""Needs of control software that are not shipped: its flavour's file, and the plugins that define its modules.
 
 The header of a file names them with their digests. Another version is refused: it would mean something else.
 """
@@ -118,7 +118,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
 
 
 def _places(file: Path | None) -> Iterable[Path]:
-    """Where files that a file needs may lie: beside it, or in the run folder of a failed experiment."""
+    """Folders in which files that a file needs may lie: beside it, or in the run folder of a failed experiment."""
     if file is None:
         return ()
     return (file.parent, file.parent.parent) if file.parent.name == "failed" else (file.parent,)

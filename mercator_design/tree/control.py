@@ -133,7 +133,7 @@ def _leaf(
 def ticked_from(
     tree: Tree, model: ReferenceModel, active: int, readings: Readings, draws: Sequence[float]
 ) -> tuple[int, list[int]]:
-    """Which node acts after a cycle in which another acted, and which nodes succeed: by their numbers in preorder.
+    """The node that acts after a cycle in which another acted, and those that succeed: their numbers in preorder.
 
     Starred nodes above the one that acted go on with it; what else nodes remember is not known.
     """

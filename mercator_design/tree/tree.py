@@ -83,7 +83,7 @@ class TreeProgram(NamedTuple):
 
     @property
     def memory(self) -> int:
-        """How many numbers it keeps from cycle to cycle."""
+        """Count of the numbers that it keeps from cycle to cycle."""
         return int(self.memory_starts[-1])
 
 

@@ -10,6 +10,7 @@ import pytest
 from mercator_design.errors import SimulationError
 from mercator_design.fsm import parse
 from mercator_design.missions.trace import every_nth
+from mercator_design.modules.flavour import define_flavour
 from mercator_design.modules.perception import ground_by_vote, light_direction, nearest_label, perceive
 from mercator_design.modules.reference import N_READINGS
 from mercator_design.sim import devices
@@ -209,6 +210,16 @@ class TestProximity:
         assert found[:, 1].mean() == pytest.approx(0.31, abs=6 * 0.02 / math.sqrt(5000))
         assert found[:, 1].std() == pytest.approx(0.02, abs=6 * 0.02 / math.sqrt(10_000))
         assert (found[:, 5] == math.inf).all()
+
+
+@pytest.mark.usefixtures("registries")
+def test_what_is_measured_follows_from_the_constants_of_the_flavour():
+    text = "schema: 1\nbehaviours: {stop: 1}\nconstants: {neighbour_range: 0.3}\n"
+    define_flavour(text, "near")
+    world = simulator(robots=2, duration=1, sides=4, apothem=3.0, placement=at((0, 0, 0), (0.5, 0, 0)))
+    far, near = (world.run(parse("--nstates 1 --s0 1", one), 1).recording for one in ("watermelon", "near"))
+    assert np.isfinite(far.measure("neighbour_places")).any()
+    assert not np.isfinite(near.measure("neighbour_places")).any()
 
 
 class TestAmbientLight:

@@ -244,7 +244,7 @@ class _States:
         return True
 
     def drop_state(self) -> bool:
-        """What led to it leads to where one of its own transitions led."""
+        """Each transition to it leads to the target of one of its own instead."""
         n = len(self.states)
         if n == 1:
             return False

@@ -9,7 +9,7 @@ from mercator_design.modules.words import module_words, robots_words, with_param
 
 
 def explanation(pfsm: Pfsm, names: Sequence[str], swarm: KnownSwarm) -> str:
-    """What robots with a PFSM do.
+    """A description of robots with a PFSM.
 
     Args:
         pfsm: The PFSM.

@@ -16,7 +16,6 @@ from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import Software, outputs_of
-from mercator_design.modules.flavour import flavour_of
 from mercator_design.modules.reference import Readings, ReferenceModel
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel
@@ -239,7 +238,7 @@ def _fired(pfsm: Software, recording: Recording) -> NDArray[np.uint8]:
     fired = np.zeros(states.shape, dtype=np.uint8)
     if not isinstance(pfsm, Pfsm):  # others have no transitions
         return fired
-    model = flavour_of(pfsm.flavour).reference_model(recording.robot_model.reference_model)
+    model = recording.robot_model.reference_model
     for cycle, robot in np.argwhere(states != before):
         state = int(before[cycle, robot])
         fired[cycle, robot] = number_fired(pfsm, model, state, readings[cycle, robot], draws[cycle, robot])

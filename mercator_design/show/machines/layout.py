@@ -154,7 +154,7 @@ def _right(a: Extent, b: Extent) -> Point:
 
 
 def _away(arrow: Arrow, boxes: Sequence[Extent], arrows: Sequence[Arrow], *, narrow: bool) -> float:
-    """How far the bend of an arrow is to the right of the straight line, so that the labels of there and back fit."""
+    """Distance of the bend of an arrow to the right of the straight line, so that the labels of there and back fit."""
     a, b = boxes[arrow.source], boxes[arrow.target]
     if narrow:  # beside all boxes between the two
         between = abs(arrow.source - arrow.target) - 1

@@ -1,4 +1,4 @@
-"""What pictures of control software are made of: their style, boxes and texts."""
+"""Parts of pictures of control software: their style, boxes and texts."""
 
 from collections.abc import Iterable, Sequence
 

@@ -26,7 +26,7 @@ def node_words(node: TreeNode) -> str:
 
 
 def explanation(tree: Tree, swarm: KnownSwarm) -> str:
-    """What robots with a tree do; the reference model is that of the swarm with the constants of the flavour."""
+    """A description of robots with a tree; their reference model gets the constants of the flavour."""
     swarm = swarm._replace(model=flavour_of(tree.flavour).reference_model(swarm.model))
     return "\n".join(_lines(tree, swarm))
 

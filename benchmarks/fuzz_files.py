@@ -1,13 +1,15 @@
-"""Missions and FSM texts with random mistakes: each is read, or refused with errors that name their places.
+"""Missions and control software with random mistakes: each is read, or refused with errors that name their places.
 
 `python benchmarks/fuzz_files.py missions --count 10000` prints how many were read and refused, and ends at the first
-that leads to anything else; `fsms` does the same for FSM texts. The same numbers give the same texts.
+that leads to anything else; `fsms`, `trees`, `networks` and `genomes` do the same for control software. The same
+numbers give the same texts.
 """
 
 import argparse
 import collections
 import copy
 import functools
+import gzip
 import json
 import random
 import re
@@ -26,11 +28,20 @@ from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.text import parse, to_text
 from mercator_design.missions.mission import parse_mission
 from mercator_design.modules.flavour import flavour_names
+from mercator_design.modules.module import KnownSwarm
+from mercator_design.network.genome import Genome, genome_text
+from mercator_design.network.network import KINDS as NODES
+from mercator_design.network.network import Gene, Network, NetworkNode
+from mercator_design.network.text import to_text as network_text
+from mercator_design.show.machines.picture import software_svg
 from mercator_design.sim.checks.no_effect import no_effect_warnings
 from mercator_design.sim.simulate import Simulator
+from mercator_design.software.architectures import architecture_of
+from mercator_design.software.files import fsm_file_text, fsm_of
 
 _DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-_FSMS = json.loads((Path(__file__).parents[1] / "tests/data/published_fsms.json").read_text())
+_DATA = Path(__file__).parents[1] / "tests" / "data"
+_FSMS = json.loads((_DATA / "published_fsms.json").read_text())
 _PLACED = re.compile(r"(fuzzed(:\d+)?|--set [^\n]*): ", re.DOTALL)
 _WHOLE = ("not valid YAML", "found an empty text", "its reading ended")
 """Of a text as a whole, which has no line."""
@@ -161,7 +172,12 @@ def _check_places(error: MissionError) -> None:
 def fuzzed_fsm(number: int) -> str:
     """A published FSM with some mistakes."""
     draw = random.Random(f"fsm {number}")
-    tokens = draw.choice(_texts()).split()
+    return _spoilt(draw.choice(_texts()), draw)
+
+
+def _spoilt(text: str, draw: random.Random) -> str:
+    """A command line in which some tokens are others."""
+    tokens = text.split()
     for _ in range(draw.randint(1, 4)):
         place, kind = draw.randrange(len(tokens) + 1), draw.randrange(6)
         if kind == 0:
@@ -195,9 +211,10 @@ def _texts() -> list[str]:
 
 def read_fsm(number: int) -> str:
     """What came of a fuzzed FSM text, in words; what can be read means the same when it is written and read again."""
-    text, flavour = fuzzed_fsm(number), flavour_names()[number % len(flavour_names())]
+    flavours = flavour_names("pfsm")
+    text, flavour = fuzzed_fsm(number), flavours[number % len(flavours)]
     warnings: list[str] = []
-    is_lenient = bool(number // len(flavour_names()) % 2)
+    is_lenient = bool(number // len(flavours) % 2)
     try:
         pfsm = parse(text, flavour, tolerate=warnings.append if is_lenient else None)
     except FsmError as error:
@@ -206,7 +223,80 @@ def read_fsm(number: int) -> str:
     return "read, with warnings" if warnings else "read"
 
 
-KINDS: dict[str, Callable[[int], str]] = {"missions": read_mission, "fsms": read_fsm}
+def fuzzed_tree(number: int) -> str:
+    """A published behaviour tree with some mistakes."""
+    draw = random.Random(f"tree {number}")
+    return _spoilt(draw.choice(_trees()), draw)
+
+
+@functools.cache
+def _trees() -> list[str]:
+    found = json.loads(gzip.decompress((_DATA / "maple_trees.json.gz").read_bytes()))
+    return [one["text"] for one in found["published"]]
+
+
+def fuzzed_network(number: int) -> str:
+    """A published network, as a line, with some mistakes."""
+    draw = random.Random(f"network {number}")
+    return _spoilt(network_text(draw.choice(_networks())), draw)
+
+
+def fuzzed_genome(number: int) -> str:
+    """The file of a published genome with some mistakes."""
+    draw = random.Random(f"genome {number}")
+    text = genome_text(Genome(network=draw.choice(_networks())))
+    for _ in range(draw.randint(1, 3)):
+        lines = text.split("\n")
+        place = draw.randrange(len(lines))
+        if draw.random() < 0.7 and lines[place]:
+            lines[place] = _spoilt(lines[place], draw)
+            text = "\n".join(lines)
+        else:
+            text = _scratched(text, draw)
+    return text
+
+
+@functools.cache
+def _networks() -> list[Network]:
+    found = json.loads(gzip.decompress((_DATA / "published_networks.json.gz").read_bytes()))
+    return [_network(one["genome"]) for one in found["networks"]]
+
+
+def _network(genome: dict[str, Any]) -> Network:
+    nodes = tuple(NetworkNode(number, NODES[kind]) for number, kind in genome["nodes"])
+    return Network(nodes, tuple(Gene(source, to, weight, bool(on)) for source, to, weight, on in genome["genes"]))
+
+
+def read_software(text: str, flavours: tuple[str, ...], number: int) -> str:
+    """What came of control software, in words; what can be read means the same when it is written and read again.
+
+    Raises:
+        AssertionError: if something is read otherwise the second time.
+    """
+    flavour = flavours[number % len(flavours)]
+    warnings: list[str] = []
+    lenient = warnings.append if number // len(flavours) % 2 else None
+    try:
+        found = fsm_of(text, "fuzzed", flavour, tolerate=lenient)
+    except FsmError as error:
+        return "refused" if all(map(_PLACED.match, error.messages)) else "refused without a place"
+    again = fsm_of(fsm_file_text(found.software, {}), "again", flavour, tolerate=lenient)
+    assert again.software == found.software, text  # noqa: S101
+    software_svg(found.software)
+    names = architecture_of(flavour).names(found.software)
+    assert architecture_of(flavour).explanation(found.software, names, KnownSwarm(0.1)), text  # noqa: S101
+    return "read, with warnings" if warnings else "read"
+
+
+_MAPLES = ("maple", "maple-epuck", "maple-mercator")
+_STICKS = ("evostick", "evostick-epuck")
+KINDS: dict[str, Callable[[int], str]] = {
+    "missions": read_mission,
+    "fsms": read_fsm,
+    "trees": lambda number: read_software(fuzzed_tree(number), _MAPLES, number),
+    "networks": lambda number: read_software(fuzzed_network(number), _STICKS, number),
+    "genomes": lambda number: read_software(fuzzed_genome(number), _STICKS, number),
+}
 
 
 def main() -> None:

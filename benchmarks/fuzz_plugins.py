@@ -138,7 +138,7 @@ def main() -> None:
         for number in range(given.first, given.first + given.count):
             try:
                 found[outcome(number, Path(folder))] += 1
-            except Exception:  # noqa: BLE001 - any is a fault
+            except (Exception, SystemExit):  # noqa: BLE001 - any is a fault
                 traceback.print_exc()
                 sys.exit(f"{given.kind} {number}:\n{text(number)}")
     print(", ".join(f"{count} {what}" for what, count in sorted(found.items())))

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Self
 from mercator_design import __version__
 from mercator_design.config.writing import digest_of, dump
 from mercator_design.errors import FsmError, RaceError, SimulationError, excerpt
-from mercator_design.jit import kernels_digest
+from mercator_design.jit import announced, compiling, kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import (
@@ -207,9 +207,10 @@ class Designer(Task[tuple[Software, int]]):
         return header_of(self.simulator, self.flavour)
 
     def prepare(self, announce: Callable[[str], None]) -> None:
-        """As `Task.prepare`: compile the simulator, and try the modules of plugins."""
+        """As `Task.prepare`: try the modules of plugins, and compile the simulator."""
+        with announced(lambda: announce(compiling("the modules"))):
+            refuse_wrong(flavour_of(self.flavour), self.simulator.robot_model.reference_model)
         self.simulator.rehearse(announce=announce, flavour=self.flavour)
-        refuse_wrong(flavour_of(self.flavour), self.simulator.robot_model.reference_model)
 
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> tuple[Software, int]:
         number, instance = experiment

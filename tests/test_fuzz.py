@@ -1,4 +1,4 @@
-"""Missions and FSM texts with random mistakes lead to errors with places, never to a traceback."""
+"""Missions and control software with random mistakes lead to errors with places, never to a traceback."""
 
 import collections
 
@@ -29,6 +29,17 @@ def test_fsm_texts():
     assert found["refused"] > len(numbers) / 3
     assert found["read"] > len(numbers) / 30
     assert found["refused without a word"] == 0
+    assert sum(found.values()) == len(numbers)
+
+
+@pytest.mark.swept
+@pytest.mark.parametrize("kind", ["trees", "networks", "genomes"])
+def test_other_software(kind):
+    numbers = some(cases(1000), 100)
+    found = outcomes(kind, numbers)
+    assert found["refused"] > len(numbers) / 3
+    assert found["read"] > len(numbers) / 50
+    assert found["refused without a place"] == 0
     assert sum(found.values()) == len(numbers)
 
 

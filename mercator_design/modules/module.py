@@ -21,6 +21,7 @@ from mercator_design.errors import FsmError
 from mercator_design.jit import jittable
 from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import OUTPUTS, SENSES, Readings, ReferenceModel
+from mercator_design.plugins.marks import check_functions, check_memory, check_set, check_texts
 from mercator_design.plugins.registries import Registry, is_ours, load_shipped, register
 
 MAX_PARAMETERS = 6
@@ -106,6 +107,7 @@ class Module:
     label: str  # as AutoMoDe's diagrams write it
     words: Callable[..., str] | None  # see `behaviour`
     position: int  # in BEHAVIOURS or CONDITIONS
+    fails: Callable[..., bool] | None = None  # see `behaviour`
     failure: int = -1  # position in FAILURE_CALLS; -1: it never fails
     end_mark: bool = False  # see `behaviour`
     call: Callable[..., None] = field(init=False, repr=False, compare=False)
@@ -247,13 +249,14 @@ def _entered(
     if not is_ours(function):
         load_shipped()
     name = name or function.__name__.replace("_", " ").strip()
+    check_texts(name=name, label=label or name)
+    check_functions(name, function, words=words, fails=fails)
+    check_memory(name, memory, int(end_mark))
     for given, known, what in ((reads, SENSES, "senses"), (sets, OUTPUTS, "outputs")):
-        if unknown := sorted({*given} - {*known}):
+        if unknown := sorted({*map(str, check_set(given, f"{name}: {what}"))} - {*known}):
             raise ValueError(f"{name}: expected {what} of {', '.join(known)}, found {', '.join(unknown)}")
     if (taken := BEHAVIOURS.get(name) or CONDITIONS.get(name)) is not None:
         raise ValueError(f"a {taken.kind} is called '{name}' already, in {taken.function.__code__.co_filename}")
-    if memory < end_mark:
-        raise ValueError(f"{name}: memory: expected a number of at least {end_mark:d}, found {memory}")
     module = Module(
         name=name,
         kind=kind,
@@ -265,6 +268,7 @@ def _entered(
         label=label or name,
         words=words,
         position=len(table),
+        fails=fails,
         failure=len(FAILURE_CALLS) if fails else -1,
         end_mark=end_mark,
     )
@@ -302,7 +306,9 @@ def _parameter(module: str, name: str, kind: Any) -> ModuleParameter:  # noqa: A
         domain = Range(0, len(labels) - 1)
     else:
         domain = next((one for one in extras if isinstance(one, Range)), Range())
-    if base not in {int, float} or not -1e9 <= domain.low < domain.high <= 1e9:
+    is_known = base in {int, float} and all(isinstance(label, str) for label in labels)
+    is_whole = base is float or all(bound == bound // 1 for bound in (domain.low, domain.high))
+    if not (is_known and -1e9 <= domain.low < domain.high <= 1e9 and is_whole):
         raise ValueError(
             f"{module}: parameter {name}: expected Annotated[float, Range(lowest, highest)], the same of int, or a "
             f"Literal of words"

@@ -3,6 +3,10 @@
 import math
 from typing import TYPE_CHECKING
 
+from mercator_design.errors import FsmError, described
+from mercator_design.plugins.places import first_line, line_of
+from mercator_design.plugins.registries import is_ours
+
 if TYPE_CHECKING:
     from mercator_design.modules.module import KnownSwarm, Module, ModuleParameter
 
@@ -75,7 +79,13 @@ def parameters_words(module: "Module", values: tuple[float, ...]) -> str:
 def module_words(module: "Module", values: tuple[float, ...], swarm: "KnownSwarm") -> str:
     """A module with these parameters in words: "stands still"; of a condition the probability that it holds."""
     if module.words is not None:
-        return module.words(swarm, *values)
+        try:
+            return module.words(swarm, *values)
+        except Exception as error:
+            if is_ours(module.function):
+                raise
+            place = line_of(error) or first_line(module.function)
+            raise FsmError(f"{place}words of {module.name}: {described(error)}") from None
     return f"runs {with_parameters(module, values)}: {module.sentence}" if module.sentence else f"runs {module.name}"
 
 

@@ -145,6 +145,8 @@ def _files_of(folder: Path) -> Iterator[Path]:
         if path.name.startswith(".") or path.name == "__pycache__":
             continue
         if path.is_dir():
+            if path.is_symlink():  # it may lead to a folder above
+                raise MissionError(f"{path}: expected a folder, found a link")
             yield from _files_of(path)
         elif path.suffix == ".py" or (path.suffix == ".yaml" and path.parent.name == "flavours"):
             yield path

@@ -1,4 +1,4 @@
-"""Distinguishes exceptions of signal handlers from those of a user's code, also KeyboardInterrupt."""
+"""Ends a user's code: at an interruption, however it handles KeyboardInterrupt, or when it takes too long."""
 
 import contextlib
 import signal
@@ -43,3 +43,25 @@ def signals_first() -> Iterator[None]:
                 signal.signal(number, usual[number])
         if raised:
             raise raised[0]
+
+
+@contextlib.contextmanager
+def processor_limit(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError in a block of Python code that uses more time of the processor.
+
+    Compiled code is not ended before it returns. Outside the main thread there is no limit.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        raise TimeoutError(f"it has not ended after {seconds:g} s; has it a loop that never ends?")
+
+    usual = signal.signal(signal.SIGVTALRM, end)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, usual)

@@ -88,7 +88,7 @@ class TestEntering:
                 "expected wall_near(model, readings, mem",
             ),
             (PLUGIN.replace('{"proximity"}', '{"sonar"}'), "expected senses of proximity, neighbours, ground, light"),
-            (PLUGIN.replace("memory=1", "memory=-1"), "memory: expected a number of at least 0, found -1"),
+            (PLUGIN.replace("memory=1", "memory=-1"), "memory: expected a whole number from 0 to 64, found -1"),
             (PLUGIN.replace("memory=1", 'sets={"horn"}'), "expected outputs of wheels, led_colour, signal, found horn"),
             (
                 PLUGIN.replace("Annotated[float, Range(0, 1)]", "float"),

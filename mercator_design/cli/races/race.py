@@ -132,7 +132,7 @@ def race(
         warn_of_mission(simulator, refuse=True)
         designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
         warn_of_no_effect(simulator, flavour)
-        simulator.rehearse(announce=print_note)
+        designer.prepare(print_note)
         request = Request(
             mission=mission, set=overrides, flavour=flavour, method=method, executor=executor_name, jobs=executor.jobs
         )

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple, cast, get_type_hints
 import numpy as np
 
 from mercator_design.config.schema import Range
-from mercator_design.errors import FsmError, described, excerpt
+from mercator_design.errors import FsmError, Signalled, described, excerpt
 from mercator_design.jit import compiled, jit_wanted
 from mercator_design.modules.behaviours import behave
 from mercator_design.modules.conditions import probability
 from mercator_design.modules.flavour import Flavour
-from mercator_design.modules.module import Module, ModuleParameter
+from mercator_design.modules.module import KnownSwarm, Module, ModuleParameter
 from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import (
     ACTIONS,
@@ -29,11 +29,14 @@ from mercator_design.modules.reference import (
 )
 from mercator_design.plugins.places import first_line, line_of, reporting_kernels
 from mercator_design.plugins.registries import is_ours
+from mercator_design.system.interruptions import processor_limit
 
 CYCLES = 25
 """Control cycles in a row with the same parameters, in which a module's memory is kept."""
 SETTINGS = 80
 """Settings of the parameters: their bounds, and random ones between."""
+MAX_CALL_TIME = 10.0
+"""[s] of the processor's time that a call may take."""
 _MAX_BOUNDS = 32
 
 DOMAINS: dict[str, Range] = {
@@ -74,6 +77,8 @@ class Trial:
 class _Watched:
     """Readings that note which senses are read."""
 
+    __slots__ = ("_readings", "_seen")
+
     def __init__(self, readings: Readings, seen: set[str]) -> None:
         self._readings, self._seen = readings, seen
 
@@ -81,6 +86,11 @@ class _Watched:
         value = cast("float", getattr(self._readings, name))
         self._seen.add(sense_of(name))
         return value
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in _Watched.__slots__:
+            raise AttributeError(f"readings cannot be changed, such as {name}")
+        object.__setattr__(self, name, value)
 
     def __getitem__(self, place: int) -> float:
         return cast("float", getattr(self, Readings._fields[place]))
@@ -145,6 +155,8 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
     calls = 0
     place = first_line(module.function)
     what = f"{module.kind} {module.name}"
+    if endless := _endless(module, model):
+        return Trial(module=module, calls=1, is_compiled=False, problems=(f"{place}{what}: {endless}",), notes=())
     with reporting_kernels({module.call: what}, FsmError):
         fast = _compiled_calls(module, model) if jit_wanted() else None
     random = Random(module.name)
@@ -154,8 +166,12 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
             call = _Call(parameters, random_readings(random), random.choice((0.0, random.random(), 1.0 - 2.0**-53)))
             calls += 1
             try:
-                plain = _plain(module, model, call, rows[0], seen)
-            except Exception as error:  # noqa: BLE001 - whatever a user's function raises
+                with processor_limit(MAX_CALL_TIME):
+                    plain = _plain(module, model, call, rows[0], seen)
+                    _try_others(module, model, call)
+            except (KeyboardInterrupt, Signalled):
+                raise
+            except BaseException as error:  # noqa: BLE001 - whatever a user's function raises, also by exit()
                 kept = f" (it declares memory={module.memory})" * isinstance(error, IndexError)
                 problems.setdefault(
                     "raises", f"{line_of(error) or place}{what}: {described(error)}{kept}, for {call.words(module)}"
@@ -182,6 +198,32 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
     return Trial(
         module=module, calls=calls, is_compiled=fast is not None, problems=tuple(problems.values()), notes=tuple(notes)
     )
+
+
+def _endless(module: Module, model: ReferenceModel) -> str:
+    """What is wrong if a first call does not end, which compiled code could not report; empty if it ends."""
+    try:
+        with processor_limit(MAX_CALL_TIME):
+            _plain(module, model, _middle(module), array_of(module.memory), set())
+    except TimeoutError as error:
+        return described(error)
+    except (KeyboardInterrupt, Signalled):
+        raise
+    except BaseException:  # noqa: BLE001 - it is found again, and reported
+        return ""
+    return ""
+
+
+def _try_others(module: Module, model: ReferenceModel, call: _Call) -> None:
+    """Call what goes with a module: its words, and its test of failure in trees."""
+    if module.words is not None:
+        found: object = module.words(KnownSwarm(0.1, model=model), *call.parameters)
+        if not isinstance(found, str):
+            raise TypeError(f"expected a text of its words, found {excerpt(repr(found))}")
+    if module.fails is not None:
+        found = module.fails(model, call.readings, *call.parameters)
+        if not isinstance(found, (bool, int)):
+            raise TypeError(f"expected True or False of what its argument `fails` is, found {excerpt(repr(found))}")
 
 
 def _difference(plain: Sequence[float], fast: Sequence[float], rows: Sequence[Any]) -> str:
@@ -267,9 +309,13 @@ def _compiled_calls(module: Module, model: ReferenceModel) -> Callable[[_Call, A
         entry(module.position, model, given.readings, np.array(given.parameters), memory, *draw, out)
         return tuple(out[: SCRATCH if is_behaviour else 1].tolist())
 
-    middle = tuple(0.5 * (one.low + one.high) for one in module.parameters)
-    call(_Call(middle, Readings(), 0.5), np.zeros(module.memory))
+    call(_middle(module), array_of(module.memory))
     return call
+
+
+def _middle(module: Module) -> _Call:
+    """A call with nothing perceived and parameters in the middle of their domains."""
+    return _Call(tuple(0.5 * (one.low + one.high) for one in module.parameters), Readings(), 0.5)
 
 
 def _settings(parameters: Sequence[ModuleParameter], random: Random) -> Iterator[tuple[float, ...]]:

@@ -9,6 +9,7 @@ from mercator_design.errors import MercatorError
 from mercator_design.mapping.logs import RobotLog
 from mercator_design.mapping.readers.bags import is_bag, read_bag
 from mercator_design.mapping.readers.carmen import is_carmen, read_carmen
+from mercator_design.mapping.readers.checking import checked
 from mercator_design.mapping.readers.robot_logs import read_robot_log
 from mercator_design.mapping.readers.traces import SUFFIX, read_trace_logs
 
@@ -30,7 +31,7 @@ def read_logs(paths: Sequence[Path], lidar_pose: Floats | None = None) -> list[R
     Raises:
         MercatorError: A file cannot be read, or is no log.
     """
-    logs = [log for path in paths for log in _read(path, lidar_pose)]
+    logs = [checked(log, str(path)) for path in paths for log in _read(path, lidar_pose)]
     begin = min((float(log.turns[0].times[0]) for log in logs), default=0.0)
     return [_since(log, begin) for log in logs] if begin > _SINCE_1970 else logs
 

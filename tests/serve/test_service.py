@@ -4,6 +4,9 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from mercator_design.errors import FsmError, MissionError
+from mercator_design.modules.flavour import flavour_names
+from mercator_design.plugins.loading import load_plugin
 from mercator_design.serve.http.machines.schemas import Modules
 from mercator_design.serve.http.schemas import JobRequest
 from mercator_design.serve.service import Service
@@ -74,6 +77,47 @@ def test_flavours_of_the_administrator_are_offered(tmp_path, idle_races):
         assert service.workers.run(check_fsm, source, None, service.settings.limits)["valid"]
     with pytest.raises(ValidationError, match="expected one of watermelon"):
         JobRequest(mission="aggregation", budget=60, flavour="walls")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"plugin": "own.py"},
+        {"plugins": ["own.py"]},
+        {"flavour": "./walls.yaml"},
+        {"flavour": "name: walls"},
+        {"flavour": "walls"},
+    ],
+)
+def test_users_bring_neither_plugins_nor_flavours(given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    walls.write(tmp_path)
+    with pytest.raises(ValidationError, match=r"Extra inputs are not permitted|expected one of watermelon"):
+        JobRequest(mission="aggregation", budget=60, **given)
+
+
+def test_modules_that_a_user_s_file_names_are_not_loaded(tmp_path, monkeypatch):
+    """Wherever a file of that name lies."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plugins").mkdir()
+    walls.write(tmp_path / "plugins")
+    (tmp_path / "plugins" / "walls.yaml").rename(tmp_path / "flavour.yaml")
+    for header in ("module plugins: walls.py 0123456789abcdef", "flavour digest: 0123456789abcdef"):
+        source = FsmSource(name="fsm.txt", text=f"# flavour: walls\n# {header}\n{walls.LINE}\n")
+        with pytest.raises(FsmError, match=r"fsm\.txt: (has modules of the plugin walls\.py|flavour in the header: )"):
+            source.read()
+    assert "walls" not in flavour_names()
+
+
+@pytest.mark.thorough
+def test_a_worker_runs_no_plugin_but_the_administrator_s(tmp_path, idle_races):
+    walls.write(tmp_path)
+    (tmp_path / "own.py").write_text(PLUGIN)
+    (tmp_path / "serve.yaml").write_text("plugins: [own.py]\nworkers: 1\n")
+    with Service(tmp_path) as service:
+        service.workers.run(load_plugin, str(tmp_path / "own.py"))  # it has been loaded
+        with pytest.raises(MissionError, match=r"walls\.py: expected a plugin that serve\.yaml names, found another"):
+            service.workers.run(load_plugin, str(tmp_path / "walls.py"))
 
 
 def test_a_folder_that_is_a_file(tmp_path):

@@ -1,13 +1,15 @@
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mercator_design.config.schema import FieldError
+from mercator_design.config.schema import FieldError, Range
 from mercator_design.errors import FsmError
-from mercator_design.modules.flavour import flavour_of
+from mercator_design.modules.flavour import define_flavour, flavour_of
+from mercator_design.modules.module import condition as in_conditions
 from mercator_design.tree.old_text import parse_old
 from mercator_design.tree.space.grammar import branches_of, from_tree, parameters_of, shape_of, to_tree, tree_of
 from mercator_design.tree.space.structure import TreeStructure, canonical
@@ -131,6 +133,19 @@ def test_simple_trees_have_what_is_of_use_on_a_mission():
 class TestCanonicalForm:
     def test_conditions_of_a_branch_are_sorted(self):
         assert canonical(tree((GRAY, BLACK, STOP))) == canonical(tree((BLACK, GRAY, STOP)))
+
+    @pytest.mark.usefixtures("registries")
+    def test_conditions_with_a_memory_keep_their_order(self):
+        @in_conditions(memory=1)
+        def later(model, readings, memory, beta: Annotated[float, Range(0, 1)]):
+            memory[0] += 1.0
+            return beta if memory[0] > 9.0 else 0.0
+
+        text = "schema: 1\narchitecture: tree\nbehaviours: {stop: 0}\nconditions: {later: 0, black floor: 1}\n"
+        define_flavour(text, "remembering")
+        for tested in ((condition("later", 0.5), BLACK), (BLACK, condition("later", 0.5))):
+            found = Tree(TreeNode("sequence*", (TreeNode("selector", (*tested, STOP)),)), "remembering")
+            assert canonical(found) == found
 
     def test_a_condition_that_never_holds_is_dropped(self):
         assert canonical(tree((NEVER, BLACK, STOP))) == tree((BLACK, STOP))

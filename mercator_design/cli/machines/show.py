@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import click
@@ -18,16 +19,19 @@ from mercator_design.command import (
 )
 from mercator_design.modules.words import robots_words
 from mercator_design.show.machines.diagram import diagram_svg
-from mercator_design.show.machines.picture import notation_text, software_svg
+from mercator_design.show.machines.picture import NOTATIONS, notation_text, software_svg
 from mercator_design.software.files import FsmFile, fsm_file_text, fsm_yaml_text
 from mercator_design.system.files import write_text, writing
 
 _RUNS, _SEED = 10, 1
+
+
+def _in_notation(notation: str, file: FsmFile) -> str:
+    return notation_text(notation, file.software, file.names)
+
+
 _FORMATS: Mapping[str, Callable[[FsmFile], str]] = {
-    "dot": lambda file: notation_text("dot", file.software, file.names),
-    "mermaid": lambda file: notation_text("mermaid", file.software, file.names),
-    "tikz": lambda file: notation_text("tikz", file.software, file.names),
-    "genome": lambda file: notation_text("genome", file.software, file.names),
+    **{one: partial(_in_notation, one) for known in NOTATIONS.values() for one in known},
     "yaml": fsm_yaml_text,
     "text": lambda file: fsm_file_text(file.software, file.header, file.names),
 }

@@ -70,8 +70,9 @@ def canonical(tree: Tree, can_fire: Usable = always) -> Tree:
 
 
 def _canonical(branches: Sequence[Branch], flavour: str, dead: Collection[tuple[str, float]]) -> list[Branch]:
-    """The branches with their conditions sorted, as their order has no effect, without those that never hold.
+    """The branches with their conditions sorted, unless one has a memory, and without those that never hold.
 
+    Their order matters to a memory: a condition behind one that holds is not tested, and so remembers nothing.
     A branch that never ends has the one condition that stands for all such, and is the last: none behind it is reached.
     """
     found = []
@@ -84,7 +85,8 @@ def _canonical(branches: Sequence[Branch], flavour: str, dead: Collection[tuple[
         if not holding:
             found.append(Branch((never_of(flavour) or min(branch.conditions),), branch.action))
             break
-        found.append(Branch(tuple(sorted(holding)), branch.action))
+        has_memory = any(node.module.memory for node in holding)
+        found.append(Branch(tuple(holding if has_memory else sorted(holding)), branch.action))
     return found
 
 

@@ -748,6 +748,10 @@ class TestRecord:
             assert (np.diff(arrays["turn_time"]) > 0.0).all()
             assert arrays["odometry_time"].shape == (41, 3)
             assert arrays["odometry"].shape == (41, 3, 3)
+        low = ["--mission", "aggregation", "--set", "duration=1", "--turns"]
+        code, _, err = mdesign("record", "fsm.txt", *low, "-o", "low.npz")
+        assert code == 0
+        assert "Warning: aggregation: lidars look over all walls and see only robots" in err
         code, _, err = mdesign("record", "fsm.txt", *options, "-o", "trace.csv")
         assert code == 2
         assert "--turns: expected an --output that ends in .npz, found trace.csv" in err

@@ -65,6 +65,10 @@ def record(
     warn_of_mission(simulator, refuse=False)
     warn_of_no_effect(simulator, file.software.flavour, file.software)
     rehearsal = simulator.rehearse(announce=print_message)
+    if turns and not len(rehearsal.scene.lidar.outlines):
+        print_message(
+            f"Warning: {loaded.name}: lidars look over all walls and see only robots, so there is nothing to map"
+        )
     check_size(rehearsal, names, cycles=loaded.cycles, every=every, with_turns=turns)
     with writing(output), replacing(output) as stream:
         outcome = simulator.run(file.software, seed, record=True)

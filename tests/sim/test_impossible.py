@@ -317,7 +317,6 @@ class TestScores:
             "name: gate_crossings, width: 0.02",
             "name: network_share, zones: [nest], radius: 2",
             "name: cell_age, side: 2, cells: 10",
-            "name: seen_area, side: 2, cells: 10",
         ],
     )
     def test_of_those_that_can_differ_nothing_is_reported(self, objective):
@@ -443,3 +442,47 @@ def test_distances_are_those_of_the_zones_that_sensors_see(zone, seed):
         near = point + 0.99 * distance * np.column_stack([np.cos(away), np.sin(away)])
         assert not any(zone_contains(table, 0, x, y) for x, y in near)
     assert (distance_to(table, 0, border_points(table, 0)) < 1e-9).all()
+
+
+class TestWallsThatLidarsLookOver:
+    """Usual walls are 0.08 m high; a Mercator's lidar is at 0.154 m."""
+
+    SEEN_WALLS = "objective={name: seen_walls, direction: maximise}"
+    SEEN_AREA = "objective={name: seen_area, side: 2, cells: 10, direction: maximise}"
+
+    HIGH_BOXES = opened(1.0).replace("]}", "], height: 0.2}")
+
+    def test_if_all_are_the_objective_has_no_score(self):
+        ((message, is_impossible),) = told(opened(1.0), self.SEEN_WALLS)
+        assert message == (
+            "m.yaml:4: arena.wall_height: walls are 0.08 m high, and the lidar of mercator, at 0.154 m, looks over "
+            "them: the objective needs walls or boxes that lidars see; expected more than 0.154 m"
+        )
+        assert is_impossible
+        with pytest.raises(MissionError, match="looks over them"):
+            Simulator(parse_mission(ROOMS, name="m.yaml", overrides=[opened(1.0), self.SEEN_WALLS])).refuse_impossible()
+
+    def test_heads_of_robots_are_all_that_is_seen_of_an_area(self):
+        ((message, is_impossible),) = told(opened(1.0), self.SEEN_AREA)
+        assert "looks over them: lidars see no wall; expected more than 0.154 m" in message
+        assert not is_impossible
+        room = "arena.room={shape: regular_polygon, sides: 4, apothem: 3}"
+        assert told(opened(1.0), self.SEEN_AREA, room) == []
+
+    def test_those_that_are_do_not_count(self):
+        ((message, is_impossible),) = told(opened(1.0), self.SEEN_WALLS, "arena.wall_height=0.3")
+        assert (
+            "arena.obstacles[0].height and 1 more: boxes do not count, as the lidar of mercator, at 0.154 m" in message
+        )
+        assert not is_impossible
+        ((message, _),) = told(self.HIGH_BOXES, self.SEEN_WALLS)
+        assert "arena.wall_height: walls do not count" in message
+
+    def test_nothing_is_said_where_all_are_seen_or_nobody_looks(self):
+        assert told(self.HIGH_BOXES, self.SEEN_WALLS, "arena.wall_height=0.2") == []
+        assert told(opened(1.0)) == []
+
+    def test_robots_without_a_lidar(self):
+        ((message, is_impossible),) = told(opened(1.0), self.SEEN_WALLS, model=EPUCK)
+        assert message.endswith("objective: seen_walls needs robots with a lidar, and epuck has none")
+        assert is_impossible

@@ -27,6 +27,8 @@ _MAX_OUTSIDE = 0.5
 """Shares of a zone's area outside the walls: for a zone that the objective uses, and for another zone."""
 _MUCH_SHARED = 0.1
 """Share of a nest's area."""
+_OF_LIDARS = ("seen_area", "seen_walls")
+"""Objectives about what lidars see."""
 _POINTS = 10_000
 """Number of points to measure the area of a zone."""
 
@@ -42,7 +44,7 @@ class MissionWarning:
 
 def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning]:
     """All warnings on a mission with a robot model."""
-    found = [*angle_warnings(mission), *angle_warnings(model)]
+    found = [*angle_warnings(mission), *angle_warnings(model), *_unseen_walls(mission, model)]
     if not all(is_ours(dynamics.function) for dynamics in mission.floor.dynamics):
         return found  # dynamics of plugins may change which zones are reached
     reach = reach_of(mission, model)
@@ -70,6 +72,31 @@ def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
             continue
         meant = f"angles are in radians, {value:g} degrees are {math.radians(value):.4g}"
         yield MissionWarning(f"{record.where(path)}: {value:g} rad {what}; {meant}")
+
+
+def _unseen_walls(mission: Mission, model: RobotModel) -> Iterator[MissionWarning]:
+    """Warn of walls and boxes that are lower than the lidar, if the objective is about what lidars see."""
+    if mission.objective.name not in _OF_LIDARS:
+        return
+    if model.lidar is None:
+        what = f"{mission.objective.name} needs robots with a lidar, and {model.name} has none"
+        yield MissionWarning(f"{mission.where('objective')}: {what}", is_impossible=True)
+        return
+    arena, height = mission.arena, model.lidar.height
+    over = f"the lidar of {model.name}, at {height:g} m, looks over them"
+    low = [f"arena.obstacles[{k}].height" for k, box in enumerate(arena.obstacles) if box.height <= height]
+    low = ["arena.wall_height"] * (arena.wall_height <= height) + low
+    if len(low) == 1 + len(arena.obstacles):
+        is_impossible = mission.objective.name == "seen_walls"
+        if is_impossible or arena.room is None:
+            needs = "the objective needs walls or boxes that lidars see" if is_impossible else "lidars see no wall"
+            where = mission.where("arena.wall_height")
+            found = f"walls are {arena.wall_height:g} m high, and {over}: {needs}; expected more than {height:g} m"
+            yield MissionWarning(f"{where}: {found}", is_impossible=is_impossible)
+    elif low:
+        heights = "walls" if low[0] == "arena.wall_height" else "boxes"
+        others = f" and {len(low) - 1} more" if len(low) > 1 else ""
+        yield MissionWarning(f"{mission.where(low[0])}{others}: {heights} do not count, as {over}")
 
 
 def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:

@@ -291,6 +291,54 @@ class TestRecordings:
             read_robot_log(tmp_path / "r.jsonl")
 
 
+CARMEN = """# CARMEN Logfile
+FLASER 3 1.0 2.0 81.91 0.1 0 0.3 0 0 0.3 1.5 host 1.5
+ROBOTLASER1 0 -1.5 3.0 1.5 81.9 0.01 0 3 1 2 3 1 9 0.2 1 0.1 0.1 1 0.1 0 0 0 0 0 2.5 host 2.5
+FLASER 3 1.0 2.0 3.0 1.1 0 0.3 1.0 0 0.3 3.5 host 3.5
+"""
+
+
+class TestCarmen:
+    def test_both_kinds_of_lines(self, tmp_path):
+        (tmp_path / "x.log").write_text(CARMEN)
+        (log,) = read_logs([tmp_path / "x.log"])
+        assert log.odometry == pytest.approx(np.array([[0, 0, 0.3], [0.1, 1, 0.1], [1.0, 0, 0.3]]))
+        assert log.odometry_times.tolist() == [1.5, 2.5, 3.5]
+        assert [turn.ranges.tolist() for turn in log.turns] == [[1.0, 2.0, 0.0], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]
+        assert log.turns[0].angles == pytest.approx([-math.pi / 2, 0.0, math.pi / 2])
+        assert log.turns[1].angles == pytest.approx([-1.5, 0.0, 1.5])
+        assert log.lidar_pose == pytest.approx([0.1 * math.cos(0.3), -0.1 * math.sin(0.3), 0.0])
+
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("FLASER 3 1.0 2.0 81", "FLASER 0 1.0 2.0 81", "x.log:2: expected the number of readings, a whole number"),
+            ("FLASER 3 1.0 2.0 81", "FLASER 99 1.0 2.0 81", "x.log:2: expected 99 numbers \\(readings\\), found "),
+            (" 1.5 host", " then host", "x.log:2: expected a number \\(time\\) in word 12, found 'then'"),
+            ("0.1 0 0.3 0", "nan 0 0.3 0", "x.log:2: expected a number \\(pose of the laser\\) in word 6, found 'nan'"),
+            ("3 1 9 0.2", "3 7 9 0.2", "x.log:3: expected 5 numbers"),
+        ],
+    )
+    def test_a_line_that_is_not_right(self, tmp_path, old, new, words):
+        (tmp_path / "x.log").write_text(CARMEN.replace(old, new, 1))
+        with pytest.raises(MercatorError, match=words):
+            read_logs([tmp_path / "x.log"])
+
+    def test_damaged_lines_are_told_or_read(self, tmp_path):
+        draw, told = random.Random(1), 0
+        for _ in range(300):
+            words = [line.split(" ") for line in CARMEN.splitlines()]
+            line = draw.choice(words[1:])
+            line[draw.randrange(len(line))] = draw.choice(["nan", "-1", "1e400", "x", "", "99999999999999999999", "0"])
+            del draw.choice(words[1:])[draw.randrange(5, 30) :]
+            (tmp_path / "x.log").write_text("\n".join(" ".join(line) for line in words))
+            try:
+                read_logs([tmp_path / "x.log"])
+            except MercatorError:
+                told += 1
+        assert told > 100
+
+
 class TestAnyFile:
     def test_formats_are_told_by_names_and_contents(self, trace, tmp_path, logs, shifted):
         carmen = tmp_path / "one.log"

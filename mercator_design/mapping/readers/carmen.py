@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import MercatorError
+from mercator_design.errors import MercatorError, excerpt
 from mercator_design.mapping import poses
 from mercator_design.mapping.logs import RobotLog, Turn
 
@@ -17,6 +17,8 @@ MARKS = (b"FLASER ", b"ROBOTLASER1 ")
 """How the lines begin that have readings."""
 
 _MAX_READING = 79.0  # [m] more is no return
+_MAX_READINGS = 100_000  # of a line
+_MAX_SIZE = 2**30  # bytes, unpacked
 _FACING = math.pi  # [rad] field of view of FLASER
 
 
@@ -26,6 +28,54 @@ def is_carmen(data: bytes) -> bool:
         with contextlib.suppress(zlib.error):
             data = zlib.decompressobj(31).decompress(data, 1 << 20)
     return any(data.startswith(mark) or b"\n" + mark in data for mark in MARKS) or data.startswith(b"# CARMEN")
+
+
+class _Words:
+    """The words of a line, taken one after the other."""
+
+    def __init__(self, line: bytes) -> None:
+        self._words = line.split()
+        self._next = 0
+
+    def take(self, what: str) -> bytes:
+        """The next word.
+
+        Raises:
+            ValueError: with what was expected, if there is none.
+        """
+        if self._next >= len(self._words):
+            raise ValueError(f"expected {what} in word {self._next + 1}, found the end of the line")
+        self._next += 1
+        return self._words[self._next - 1]
+
+    def numbers(self, count: int, what: str) -> Floats:
+        """The next finite numbers; errors are those of `take`."""
+        if self._next + count > len(self._words):
+            raise ValueError(f"expected {count} numbers ({what}), found {len(self._words) - self._next} words")
+        return np.array([self.number(what) for _ in range(count)])
+
+    def number(self, what: str) -> float:
+        """The next number, which is finite; errors are those of `take`."""
+        word = self.take(what)
+        try:
+            found = float(word)
+        except ValueError:
+            found = math.nan
+        if not math.isfinite(found):
+            raise ValueError(f"expected a number ({what}) in word {self._next}, found {_shown(word)}")
+        return found
+
+    def count(self, least: int, what: str) -> int:
+        """The next whole number, from the least one on; errors are those of `take`."""
+        word = self.take(what)
+        if not word.isdigit() or not least <= int(word[:10]) <= _MAX_READINGS:
+            expected = f"expected {what}, a whole number from {least} to {_MAX_READINGS}"
+            raise ValueError(f"{expected}, in word {self._next}, found {_shown(word)}")
+        return int(word)
+
+
+def _shown(word: bytes) -> str:
+    return excerpt(repr(word.decode(errors="replace")))
 
 
 def read_carmen(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
@@ -41,17 +91,13 @@ def read_carmen(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     Raises:
         MercatorError: The file cannot be read, or a line is not of this format.
     """
-    try:
-        data = gzip.decompress(path.read_bytes()) if path.read_bytes()[:2] == b"\x1f\x8b" else path.read_bytes()
-    except (OSError, EOFError, zlib.error) as wrong:
-        raise MercatorError(f"{path}: cannot be read: {wrong}") from None
     rows = []
-    for number, line in enumerate(data.split(b"\n"), 1):
+    for number, line in enumerate(_contents(path).split(b"\n"), 1):
         if line.startswith(MARKS):
             try:
-                rows.append(_row(line.split()))
-            except (ValueError, IndexError):
-                raise MercatorError(f"{path}:{number}: expected readings, poses and times of CARMEN") from None
+                rows.append(_row(_Words(line)))
+            except ValueError as error:
+                raise MercatorError(f"{path}:{number}: {error}") from None
     if not rows:
         raise MercatorError(f"{path}: expected lines with FLASER or ROBOTLASER1, found none")
     times = np.array([row[4] for row in rows])
@@ -67,28 +113,42 @@ def read_carmen(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     return RobotLog(path.name.partition(".")[0], turns, times, odometry, np.asarray(mounted, float))
 
 
-def _row(words: list[bytes]) -> tuple[Floats, Floats, Floats, Floats, float]:
+def _contents(path: Path) -> bytes:
+    """The file, unpacked.
+
+    Raises:
+        MercatorError: It cannot be read, or is too large.
+    """
+    try:
+        with path.open("rb") as file:
+            is_packed = file.read(2) == b"\x1f\x8b"
+        with gzip.open(path) if is_packed else path.open("rb") as file:
+            data = file.read(_MAX_SIZE + 1)
+    except (OSError, EOFError, zlib.error) as wrong:
+        raise MercatorError(f"{path}: cannot be read: {wrong}") from None
+    if len(data) > _MAX_SIZE:
+        raise MercatorError(f"{path}: expected at most {_MAX_SIZE // 2**20} MiB of CARMEN, found more")
+    return data
+
+
+def _row(words: _Words) -> tuple[Floats, Floats, Floats, Floats, float]:
     """Angles, ranges, the pose of the laser and of the odometry, and the time of a line."""
-    if words[0] == b"FLASER":
-        n, first = int(words[1]), 2
+    if words.take("a kind") == b"FLASER":
+        n = words.count(2, "the number of readings")
         step, begin = _FACING / (n - n % 2), -0.5 * _FACING
-        after = first + n
-        laser, odometry = _numbers(words[after : after + 3]), _numbers(words[after + 3 : after + 6])
-        time = float(words[after + 6])
+        ranges = words.numbers(n, "readings")
+        laser, odometry = words.numbers(3, "pose of the laser"), words.numbers(3, "pose of the robot")
+        time = words.number("time")
     else:
-        begin, step, n, first = float(words[2]), float(words[4]), int(words[8]), 9
-        after = first + n + 1 + int(words[first + n])
-        laser, odometry = _numbers(words[after : after + 3]), _numbers(words[after + 3 : after + 6])
-        time = float(words[after + 11])
-    ranges = _numbers(words[first : first + n])
-    if len(ranges) != n or n < 2 or len(laser) != 3 or len(odometry) != 3 or not math.isfinite(time):
-        raise ValueError
+        words.take("type of the laser")
+        begin, _, step = words.numbers(3, "start, field of view and step of angles").tolist()
+        words.numbers(2, "maximum range and accuracy")
+        words.take("mode of remissions")
+        n = words.count(2, "the number of readings")
+        ranges = words.numbers(n, "readings")
+        words.numbers(words.count(0, "the number of remissions"), "remissions")
+        laser, odometry = words.numbers(3, "pose of the laser"), words.numbers(3, "pose of the robot")
+        words.numbers(5, "speeds and distances")
+        time = words.number("time")
     angles = np.asarray(begin + step * np.arange(n), np.float64)
-    return angles, np.asarray(np.where(ranges < _MAX_READING, ranges, 0.0), np.float64), laser, odometry, time
-
-
-def _numbers(words: list[bytes]) -> Floats:
-    found = np.array([float(word) for word in words])
-    if not np.isfinite(found).all():
-        raise ValueError
-    return found
+    return angles, np.where((ranges > 0.0) & (ranges < _MAX_READING), ranges, 0.0), laser, odometry, time

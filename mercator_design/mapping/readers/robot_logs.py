@@ -132,7 +132,8 @@ def _of_readings(turn: TurnTaken) -> _Passage | None:
 
 def _passage(travelled: Floats, came: Floats, last: Floats, angles: Floats, ranges: Floats) -> _Passage:
     seen = np.where(ranges <= MAX_RANGE, ranges, 0.0)
-    return _Passage(travelled - travelled[0], came, last - travelled[0], angles, seen)
+    rising = np.maximum.accumulate(travelled - travelled[0])  # packets may overlap by a few degrees
+    return _Passage(rising, came, last - travelled[0], angles, seen)
 
 
 def _unwound(ends: Sequence[tuple[int, int]]) -> tuple[Floats, Floats]:

@@ -161,6 +161,6 @@ def test_mistakes(carmen, tmp_path):
     assert "expected --start once for each of 1 robots, found 2" in fails(carmen, *["--start", "0,0,0"] * 2)
     lines = gzip.decompress(carmen.read_bytes()).replace(b"FLASER 361 ", b"FLASER 9999 ", 1)
     (tmp_path / "broken").write_bytes(lines)
-    assert "broken:2: expected readings, poses and times of CARMEN" in fails(tmp_path / "broken")
+    assert "broken:2: expected 9999 numbers (readings), found " in fails(tmp_path / "broken")
     (tmp_path / "cut").write_bytes(carmen.read_bytes()[:-200])
     assert "cut: cannot be read" in fails(tmp_path / "cut")

@@ -9,6 +9,7 @@ import pytest
 
 from mercator_design.cli import cli as mdesign
 from mercator_design.cli import main as mdesign_main
+from mercator_design.cli.terminal import wrapped
 from mercator_design.command import Spelled, SpelledGroup, print_error
 from mercator_design.config import shipped
 from mercator_design.errors import MissionError
@@ -118,3 +119,11 @@ class TestStreamsOfFewCharacters:
         code, out, _ = run_in("missions", "show", str(tmp_path / "m.yaml"))
         assert code == 0
         assert "no\\u2192" in out
+
+
+def test_long_lines_are_broken_between_words_in_a_terminal():
+    text = "Branch 0: stop\n  It goes on to branch 1 in the same cycle\n\n" + "x" * 30 + "\n"
+    assert wrapped(text, None) == text
+    assert wrapped(text, 20) == (
+        "Branch 0: stop\n  It goes on to\n    branch 1 in the\n    same cycle\n\n" + "x" * 30 + "\n"
+    )

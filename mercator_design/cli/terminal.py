@@ -5,6 +5,7 @@ import shlex
 import shutil
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from os import EX_TEMPFAIL
 from types import FrameType
@@ -22,6 +23,20 @@ def command_line() -> str:
 def terminal_width() -> int | None:
     """Width of the terminal on stdout; None if stdout is no terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def wrapped(text: str, width: int | None) -> str:
+    """A text whose longer lines are broken between words, further to the right; None: as it is."""
+    if width is None:
+        return text
+    lines = []
+    for line in text.split("\n"):
+        indent = " " * (len(line) - len(line.lstrip()) + 2)
+        broken = textwrap.wrap(
+            line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+        )
+        lines += broken or [line]
+    return "\n".join(lines)
 
 
 @contextlib.contextmanager

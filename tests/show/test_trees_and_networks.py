@@ -80,7 +80,7 @@ def test_colours_are_those_of_the_diagram(tree):
     assert machine["colours"] == [None, None, None, blue, None, None, orange]
     for k, colour in ((3, blue), (6, orange)):
         assert f'stroke="{colour}"' in machine["diagram"].split(f'<g data-state="{k}">\n<rect')[1].split("</g>")[0]
-    assert tree.legend == [(0, "exploration"), (1, "stop")]
+    assert tree.legend == [(-1, "none"), (0, "exploration"), (1, "stop")]
     assert tree.colours_at(0).tolist() == [-1, -1, -1]
     acting = {0: -1, 3: 0, 6: 1}
     assert [acting[state] for state in tree.trace.states[-1]] == tree.colours_at(60).tolist()

@@ -68,7 +68,7 @@ def test_a_text_under_another_architecture_is_named():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["fsm", "explain"], "The tree is a ring of branches."),
+        (["fsm", "explain"], "The tree is a ring of branches;"),
         (["fsm", "show"], "<title>Behaviour tree of 7 nodes</title>"),
         (["fsm", "show", "--format", "dot"], "digraph behaviour_tree {"),
         (["fsm", "show", "--format", "mermaid"], "flowchart TD"),

@@ -24,10 +24,10 @@ def test_a_designed_tree_is_a_ring_of_branches():
         """\
 A behaviour tree of maple of 7 nodes: 2 actions and 2 conditions among them.
 There are 20 robots: each has 19 others.
-In each control cycle (0.1 s) the root is ticked, and ticks its children in turn. At most one
-action acts. Where the root succeeds or fails, the robot stands still in this cycle.
-The tree is a ring of branches. A robot stays in a branch until a condition of it succeeds, which is tested
-before the action, in the first cycle too. It begins with branch 0.
+In each control cycle (0.1 s) the root is ticked, and ticks its children in turn.
+At most one action acts; where the root succeeds or fails, the robot stands still.
+The tree is a ring of branches; a robot begins with branch 0.
+It stays in a branch until a condition of it succeeds. These are tested before it acts.
 
 Branch 0: exploration (tau 5 cycles)
   The robot drives straight on; before an obstacle it turns away for 1 to 4 cycles (at most 0.4 s).

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mercator_design.cli.machines.swarm import swarm_of
+from mercator_design.cli.terminal import terminal_width, wrapped
 from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result, read_controller
 from mercator_design.software.architectures import architecture_of
 
@@ -25,4 +26,5 @@ def explain(fsm: Path, mission: str | None, flavour: str | None, lenient: bool) 
     """
     file = read_controller(fsm, flavour, lenient=lenient)
     architecture = architecture_of(file.software.flavour)
-    print_result(architecture.explanation(file.software, file.names, swarm_of(fsm, file, mission)), nl=False)
+    words = architecture.explanation(file.software, file.names, swarm_of(fsm, file, mission))
+    print_result(wrapped(words, terminal_width()), nl=False)

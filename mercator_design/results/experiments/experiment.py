@@ -141,11 +141,12 @@ class ShownExperiment:
     def legend(self) -> list[tuple[int, str]]:
         """The names of the states that can be active, with their colours by number in STATE_COLOURS.
 
+        That of a tree in which no node acts is DARK.
         The states of different PFSMs have only their numbers in common.
         """
         if len(self.pfsms) == 1:
-            named = zip(part_colours(self.pfsms[0]), self.state_names(0), strict=True)
-            return [(colour, name) for colour, name in named if colour != DARK]
+            named = enumerate(zip(part_colours(self.pfsms[0]), self.state_names(0), strict=True))
+            return [(colour, name) for part, (colour, name) in named if colour != DARK or part == 0]
         n = max((len(architecture_of(one.flavour).active(one)) for one in self.pfsms), default=0)
         return [(k % len(STATE_COLOURS), f"state {k}") for k in range(n)]
 

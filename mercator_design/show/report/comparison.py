@@ -118,6 +118,6 @@ def _difference(facts: Facts, pair: Pair[Any] | None) -> tuple[str, str]:
 def _listed(contestants: list[str], simple: list[str]) -> str:
     """Contestants in words; all PFSMs of one state are named together."""
     names = [f"the {name}" if name == RUNNER_UP else name for name in contestants]
-    if set(simple) <= set(names):
+    if simple and set(simple) <= set(names):
         names = [*(name for name in names if name not in simple), "every PFSM of one state"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,7 +1,9 @@
 """Importance: the modules or parameters that explain the scores, and the parts that the winner needs."""
 
 from mercator_design.errors import RaceError
+from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
+from mercator_design.network.network import Network
 from mercator_design.race.analysis.importance import Importance
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
 from mercator_design.results.analysis.importance import race_importance
@@ -9,6 +11,7 @@ from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.report.markup import Html, command, figure, made_by, note, p_text, row_of, section
 from mercator_design.show.text.analysis import ABLATION, read_ablation
+from mercator_design.tree.tree import Tree
 
 _MAX_SHOWN = 12
 _NORMAL = 1.96  # standard errors of half an interval
@@ -19,7 +22,8 @@ def importance(facts: Facts) -> Html:
     if facts.task is None:
         return Html()
     explained, taken_apart = _importance(facts), _ablation(facts)
-    return section("importance", "What matters", row_of(explained, taken_apart))
+    parts = row_of(explained, taken_apart) if taken_apart else Html(f'<div class="narrow">{explained}</div>')
+    return section("importance", "What matters", parts)
 
 
 def _importance(facts: Facts) -> Html:
@@ -30,12 +34,17 @@ def _importance(facts: Facts) -> Html:
     dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]
     if not dots:
         return Html()
-    what = "the number of each module in a PFSM" if facts.mission is not None else "each parameter"
+    software = None if facts.best is None else facts.software(facts.best)
+    what = "the number of each module in a PFSM" if isinstance(software, Pfsm) else "each parameter"
     caption = (
         f"How much {what} explains of the differences between the {explanation.configurations} configurations that "
         f"were raced: share of the variance, with its interval of {CONFIDENCE:.0%}. In all, "
         f"{max(explanation.explained, 0.0):.0%} of it can be predicted. From the race's own experiments."
     )
+    if isinstance(software, Tree):
+        caption += " C0x0 is the condition of branch 0, A0 its action; the others are parameters of these."
+    if isinstance(software, Network):
+        caption += " left1 is the weight from the first input to the left wheel."
     chart = interval_chart(dots, Axis("share of the variance"))
     return Html(f"<div>{figure(chart, caption)}{made_by(facts.command('runs', 'importance'))}</div>")
 

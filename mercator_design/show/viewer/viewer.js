@@ -677,7 +677,7 @@ const MercatorReplay = (() => {
       const { machines, names } = this.replay;
       const lists = machines.map(({ states, colours, architecture }, m) => {
         const robots = names.filter((_, robot) => this.replay.machineOf[robot] === m);
-        const items = states.flatMap((name, k) => (colours[k] ? [make("li", {}, make("i", { style: `background:${colours[k]}` }), make("span", { text: name }))] : []));
+        const items = states.flatMap((name, k) => (colours[k] || k === 0 ? [make("li", {}, make("i", { style: `background:${colours[k] || UNKNOWN}` }), make("span", { text: name }))] : []));
         const whose = machines.length > 1 ? [make("li", { class: "mr-whose", text: `${robots.join(", ")}:` })] : [];
         return make("ul", { class: "mr-legend", "aria-label": architecture === "tree" ? "Actions" : "States" }, ...whose, ...items);
       });

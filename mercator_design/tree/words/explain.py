@@ -38,10 +38,8 @@ def _lines(tree: Tree, swarm: KnownSwarm) -> Iterator[str]:
     yield f"A behaviour tree of {tree.flavour} of {parts} among them."
     if swarm.robots is not None:
         yield robots_words(swarm.robots)
-    yield (
-        f"In each control cycle ({swarm.cycle:g} s) the root is ticked, and ticks its children in turn. At most one\n"
-        "action acts. Where the root succeeds or fails, the robot stands still in this cycle."
-    )
+    yield f"In each control cycle ({swarm.cycle:g} s) the root is ticked, and ticks its children in turn."
+    yield "At most one action acts; where the root succeeds or fails, the robot stands still."
     if (branches := shape_of(tree)) is not None:
         yield from _ring(branches, swarm)
         return
@@ -64,10 +62,8 @@ def _node_sentence(node: TreeNode, swarm: KnownSwarm) -> str:
 
 def _ring(branches: Sequence[Branch], swarm: KnownSwarm) -> Iterator[str]:
     """The branches of a designed tree, in each of which a robot is as in a state of a PFSM."""
-    yield (
-        "The tree is a ring of branches. A robot stays in a branch until a condition of it succeeds, which is tested\n"
-        "before the action, in the first cycle too. It begins with branch 0."
-    )
+    yield "The tree is a ring of branches; a robot begins with branch 0."
+    yield "It stays in a branch until a condition of it succeeds. These are tested before it acts."
     for i, branch in enumerate(branches):
         acting = branch.action
         yield f"\nBranch {i}: {with_parameters(acting.module, acting.parameters)}"

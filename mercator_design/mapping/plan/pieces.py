@@ -1,11 +1,14 @@
 """Pieces of walls: surfels of sharp keyframes, of which neighbours of one wall lie on one line; and walls as lines."""
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from mercator_design.arrays import Flags, Floats
+from mercator_design.mapping import poses
 from mercator_design.mapping.front.surfels import CELL
 from mercator_design.mapping.plan.occupancy import sharp_keyframes
 from mercator_design.mapping.plan.ways import Way, map_of
@@ -15,6 +18,7 @@ _NEAR = 0.11  # [m] between neighbours
 _SAME = 0.95  # product of the normals of pieces of one wall
 _BESIDE = 0.03  # [m] across a wall, within which pieces are of one face
 _DUPLICATE = 0.02  # [m] along a wall, within which one of two pieces is superfluous
+_AGREES = 0.8  # product of the normals of a point and of the piece that it is of
 _STRAIGHT = 0.97  # product of the normals of pieces of one line
 _ON_LINE = 0.015  # [m] of a piece from its line
 _GAP = 0.12  # [m] along a line
@@ -49,6 +53,37 @@ def pieces_of(ways: Sequence[Way]) -> Floats:
     doubles = pairs[along < _DUPLICATE]
     weaker = np.where(weights[doubles[:, 0]] < weights[doubles[:, 1]], doubles[:, 0], doubles[:, 1])
     return np.delete(moved, np.unique(weaker), axis=0)
+
+
+class Looks(NamedTuple):
+    """When pieces of walls were seen, and how well the points of keyframes lie on them."""
+
+    first: Floats  # (n,) [s] the first keyframe that saw a piece, on the clock of the map; inf: none
+    residual: float  # [m] rms of the distances of points to the lines of the pieces
+
+
+def looks_at(pieces: Floats, ways: Sequence[Way]) -> Looks:
+    """The looks of all keyframes at pieces of walls (n, 5)."""
+    first, squares, count = np.full(len(pieces), np.inf), 0.0, 0
+    if not len(pieces):
+        return Looks(first, 0.0)
+    tree = cKDTree(pieces[:, :2])
+    for way in ways:
+        times = way.track.times[way.track.keyframes.turns[way.keyframes]] - way.offset
+        sharp = sharp_keyframes(way)
+        for k, (pose, number) in enumerate(zip(way.keyframe_poses, way.keyframes.tolist(), strict=True)):
+            points, normals = (one.astype(float) for one in way.track.keyframes.of(number))
+            placed, turned = poses.transform(pose, points), poses.rotate(float(pose[2]), normals)
+            far, nearest = tree.query(placed, distance_upper_bound=CELL)
+            which = np.flatnonzero(np.isfinite(far))
+            found = nearest[which]
+            same = np.sum(turned[which] * pieces[found, 2:4], axis=1) > _AGREES
+            which, found = which[same], found[same]
+            first[found] = np.minimum(first[found], times[k])
+            if sharp[k]:
+                left = np.sum(pieces[found, 2:4] * (placed[which] - pieces[found, :2]), axis=1)
+                squares, count = squares + float(left @ left), count + len(left)
+    return Looks(first, math.sqrt(squares / max(count, 1)))
 
 
 def lines_of(pieces: Floats) -> Floats:

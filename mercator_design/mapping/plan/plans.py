@@ -8,7 +8,7 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 from mercator_design.mapping.plan.occupancy import RESOLUTION, OccupancyGrid, occupancy_of
-from mercator_design.mapping.plan.pieces import lines_of, pieces_of
+from mercator_design.mapping.plan.pieces import Looks, lines_of, looks_at, pieces_of
 from mercator_design.mapping.plan.ways import Way, match_all
 from mercator_design.mapping.swarm import Report, SwarmMap
 from mercator_design.mapping.track import Track
@@ -30,6 +30,7 @@ class Plan:
     occupancy: OccupancyGrid
     pieces: Floats  # (n, 5) of walls: mean x, y [m], unit normal x, y, weight
     lines: Floats  # (m, 4) walls: x, y [m] of both ends
+    looks: Looks  # at the pieces
 
 
 def plans_of(swarm: SwarmMap, resolution: float = RESOLUTION, report: Report | None = None) -> list[Plan]:
@@ -48,7 +49,8 @@ def plans_of(swarm: SwarmMap, resolution: float = RESOLUTION, report: Report | N
     for ways in of_maps:
         matched = match_all(ways, lambda _: say("all turns", next(done) / sum(turns)))
         pieces = pieces_of(matched)
-        found.append(Plan(tuple(matched), occupancy_of(matched, resolution), pieces, lines_of(pieces)))
+        grid, looks = occupancy_of(matched, resolution), looks_at(pieces, matched)
+        found.append(Plan(tuple(matched), grid, pieces, lines_of(pieces), looks))
     return found
 
 

@@ -37,6 +37,7 @@ def _of_plan(plan: Plan) -> dict[str, Any]:
         "occupied_cells": int(grid.occupied.sum()),
         "free_area": round(float(grid.free.sum()) * grid.resolution**2, 3),
         "walls": round(float(lengths(plan.lines).sum()), 3),
+        "residual": round(plan.looks.residual, 5),
         "size": [round(float(length), 3) for length in _size(plan.pieces)],
         "errors": {} if turns is None or keyframes is None else {"keyframes": _rows(keyframes), "turns": _rows(turns)},
     }
@@ -86,7 +87,8 @@ def text(found: dict[str, Any]) -> str:
         robots, (width, height) = plan["robots"], plan["size"]
         lines.append(
             f"{name}: {len(robots)} {'robot' if len(robots) == 1 else 'robots'}, {width:.2f} x {height:.2f} m, "
-            f"{plan['walls']:.1f} m of walls, {plan['occupied_cells']} occupied cells of {plan['resolution']:g} m"
+            f"{plan['walls']:.1f} m of walls to {1e3 * plan['residual']:.1f} mm rms, "
+            f"{plan['occupied_cells']} occupied cells of {plan['resolution']:g} m"
         )
         for one in robots:
             clock = f", clock {one['clock_offset']:+.3f} s" if abs(one["clock_offset"]) > 0.0005 else ""

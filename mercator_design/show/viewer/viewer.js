@@ -311,6 +311,7 @@ const MercatorReplay = (() => {
       );
       this.drawFloor(context, cycle);
       if (options.presence) this.drawPresence(context);
+      if (options.map && replay.map) this.drawMap(context, cycle);
       if (options.trails) this.drawTrails(context, cycle);
       this.drawArena(context);
       if (options.neighbours) this.drawNeighbours(context, cycle);
@@ -432,6 +433,19 @@ const MercatorReplay = (() => {
       context.scale(1, -1);
       context.drawImage(image, 0, 0, width, height);
       context.restore();
+    }
+
+    /** The pieces of walls that the robots' lidars have seen so far: the ends of each, and the cycle that saw it first. */
+    drawMap(context, cycle) {
+      context.strokeStyle = css(this.canvas, "--wall");
+      context.lineWidth = Math.max(0.015, 2 * this.pixel * density());
+      context.beginPath();
+      for (const [x, y, u, v, first] of this.replay.map) {
+        if (first > cycle) break;
+        context.moveTo(x, y);
+        context.lineTo(u, v);
+      }
+      context.stroke();
     }
 
     drawNeighbours(context, cycle) {
@@ -879,7 +893,8 @@ const MercatorReplay = (() => {
       this.speed = 1;
       this.isPlaying = false;
       this.options = {
-        trails: true, presence: false, proximity: false, neighbours: false, lidar: false, zones: true, follow: false, robot: null,
+        trails: true, presence: false, proximity: false, neighbours: false, lidar: false, zones: true, map: true, follow: false,
+        robot: null,
       };
       this.cycles = Math.max(...replays.map((replay) => replay.cycles));
       this.scenes = replays.map((replay) => new Scene(replay, this.options, this));
@@ -921,6 +936,7 @@ const MercatorReplay = (() => {
         ["trails", "Trails", "t", true],
         ["presence", "Presence", "p", true],
         ["zones", "Zones", "z", true],
+        ["map", "Map", "m", this.replays.some((replay) => replay.map)],
         ["proximity", "Proximity", "x", has("proximity")],
         ["neighbours", "Neighbours", "n", has("seen")],
         ["lidar", "Lidar", "l", this.replays.some((replay) => replay.lidar)],

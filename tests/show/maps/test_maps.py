@@ -4,6 +4,7 @@ import csv
 import gzip
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,15 @@ from click.testing import CliRunner
 from PIL import Image
 
 from mercator_design.cli import cli
+from mercator_design.mapping import poses
 from mercator_design.mapping.merit.occupancy import distances_to
 from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.swarm import map_swarm
 from mercator_design.show.maps import formats
 from mercator_design.show.maps.folder import write_maps
+from mercator_design.show.maps.page import growing
 from mercator_design.show.maps.summary import text
+from mercator_design.sim.robot_model import load_robot_model
 from tests.mapping import analytic
 
 pytestmark = pytest.mark.together
@@ -31,7 +35,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def plan(log):
-    start = log.truth[np.searchsorted(log.truth_times, log.turns[0].middle - 0.1)]
+    start = poses.interpolate(log.truth_times, log.truth, np.array([log.turns[0].middle - 0.1]))[0]
     (plan,) = plans_of(map_swarm([replace(log, name="robot <1>", start=start)]))
     return plan
 
@@ -87,7 +91,7 @@ def test_a_folder(plan, tmp_path):
     first = [("map", "pgm"), ("map", "png"), ("map", "yaml"), ("robot-1", "tum")]
     first += [("surfels", "csv"), ("walls", "geojson")]
     second = [(f"{stem}-2", suffix) for stem, suffix in first]
-    assert sorted(ends) == sorted([*first, *second, ("summary", "json")])
+    assert sorted(ends) == sorted([*first, *second, ("report", "html"), ("summary", "json")])
     assert json.loads((tmp_path / "a" / "b" / "summary.json").read_text()) == found
     with Image.open(tmp_path / "a" / "b" / "map.png") as picture:
         assert min(picture.size) > 300
@@ -95,6 +99,30 @@ def test_a_folder(plan, tmp_path):
     assert "map 2: 1 robot" in said
     assert "Two maps." in said
     assert "error of turns" in said
+
+
+def test_walls_appear_when_they_are_first_seen(plan):
+    """In the order of time, so that a viewer can stop at the first that is later."""
+    replay = growing(plan, load_robot_model("mercator"), "a map")
+    assert replay is not None
+    strokes = np.array(replay["header"]["map"])
+    assert len(strokes) > 0.9 * len(plan.pieces)
+    assert (np.diff(strokes[:, 4]) >= 0).all()
+    assert strokes[0, 4] < strokes[-1, 4] <= replay["header"]["cycles"]
+    assert distances_to(analytic.ROOM, 0.5 * (strokes[:, :2] + strokes[:, 2:4])).max() < 0.03
+    assert np.hypot(*(strokes[:, 2:4] - strokes[:, :2]).T) == pytest.approx(0.05, abs=0.002)
+    assert 0.003 < plan.looks.residual < 0.007  # the noise is uniform, +-1 cm: 5.8 mm rms
+
+
+def test_the_page_needs_nothing_else(plan, tmp_path):
+    found = write_maps(tmp_path, [plan], ["A <b>sentence</b>."], "mdesign map log")
+    page = (tmp_path / "report.html").read_text()
+    assert "A &lt;b&gt;sentence&lt;/b&gt;." in page
+    assert "data:image/png;base64," in page
+    assert "mdesign map log" in page
+    assert "robot &lt;1&gt;" in page
+    assert f"{100 * found['maps'][0]['robots'][0]['matched']:.1f} %" in page
+    assert re.search(r'(?:src|href)="(?!data:|#)', page) is None
 
 
 def carmen_of(log):

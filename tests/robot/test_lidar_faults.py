@@ -25,7 +25,7 @@ def blind(turns=1.0):
 
 def sends(devices, data):
     """A lidar that answers as an X4, and sends something else."""
-    devices.lidar._packet = lambda first, count: data * (count // 2)
+    devices.lidar._packet = lambda first, count, _: data * (count // 2)
 
 
 @pytest.fixture

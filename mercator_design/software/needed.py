@@ -18,7 +18,6 @@ FLAVOUR_FILE, PLUGINS = "flavour.yaml", "plugins"
 DIGEST, MODULES = "flavour digest", "module plugins"
 NEEDED = {DIGEST, MODULES}
 """Keys of the header."""
-_AS_IT_WAS = "give it as it was then, or --flavour to use all modules as they are now"
 
 
 def module_plugins(flavour: Flavour) -> tuple[Plugin, ...]:
@@ -90,6 +89,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
     if flavour is not None:
         return
     loaded = loaded_plugins()
+    advice = "give it as it was then" + ", or --flavour to use all modules as they are now" * (file is not None)
     for name, digest in plugins_in(header.get(MODULES, "")):
         if name not in loaded:
             copies = [one / PLUGINS / name for one in _places(file) if Path(name).name == name]
@@ -98,7 +98,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
         if loaded[name] != digest:
             raise FsmError(
                 f"{label}: has modules of the plugin {excerpt(name)}, which has changed since this was designed: "
-                f"expected digest {excerpt(digest)}, found {loaded[name]}; {_AS_IT_WAS}"
+                f"expected digest {excerpt(digest)}, found {loaded[name]}; {advice}"
             )
     digest = header.get(DIGEST, "")
     if named not in flavour_names():
@@ -113,7 +113,7 @@ def ready(header: Mapping[str, str], named: str, flavour: str | None, label: str
     if digest and digest_of(flavour_of(named)) != digest:
         raise FsmError(
             f"{label}: the flavour {excerpt(named)} has changed since this was designed: expected digest "
-            f"{excerpt(digest)}, found {digest_of(flavour_of(named))}; {_AS_IT_WAS}"
+            f"{excerpt(digest)}, found {digest_of(flavour_of(named))}; {advice}"
         )
 
 

@@ -3,13 +3,17 @@
 import pytest
 
 from mercator_design.designer import Designer
+from mercator_design.errors import RobotError
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.flavour import load_flavour
+from mercator_design.modules.reference import ReferenceModel
 from mercator_design.plugins import loading
 from mercator_design.plugins.loading import load_plugin
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import WorkerUnfit, in_order
 from mercator_design.race.executors.processes import ProcessExecutor
+from mercator_design.robot.logs.events import RunStarted
+from mercator_design.robot.logs.log import controller_of, understanding
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.files import fsm_file_text, parse_software
 from tests.plugins.walls import FLAVOUR, LINE, PLUGIN, write
@@ -201,3 +205,18 @@ class TestWorkers:
             (tmp_path / "walls.yaml").write_text(FLAVOUR + "limits: {states: 2}\n")
             with pytest.raises(WorkerUnfit, match="another flavour is called walls already"):
                 race(cluster)
+
+
+class TestLogs:
+    def test_of_another_version_are_refused_in_clear_words(self, tmp_path):
+        """The message is that of files of control software, not of a damaged log."""
+        write(tmp_path)
+        function_of(tmp_path)
+        header = {"module plugins": "walls.py 0123456789abcdef"}
+        given = {"control_period": 0.1, "reference_model": ReferenceModel()}
+        start = RunStarted(robot="r", fsm=LINE, flavour="walls", header=header, **given)
+        with pytest.raises(RobotError) as caught, understanding(tmp_path / "log.jsonl"):
+            controller_of(start)
+        start = f"{tmp_path}/log.jsonl: the start of the log: has modules of the plugin walls.py, which has changed"
+        assert str(caught.value).startswith(start)
+        assert str(caught.value).endswith("give it as it was then")

@@ -1,6 +1,8 @@
 """The tutorial's behaviour, condition and flavour: raced, replayed, bundled, run on a twin; and from a wheel."""
 
 import ensurepip
+import importlib
+import os
 import subprocess
 import sys
 import zipfile
@@ -17,7 +19,7 @@ from mercator_design.plugins.loading import load_plugin
 from mercator_design.robot.logs.log import replay
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.controller import Controller
-from mercator_design.software.files import fsm_file_text, read_fsm
+from mercator_design.software.files import fsm_file_text, parse_software, read_fsm
 from tests.plugins.walls import FLAVOUR, LINE, PLUGIN, write
 from tests.processes import LIMIT
 from tests.robot.ways import in_time
@@ -64,22 +66,26 @@ def from_a_race_to_a_twin(folder):
     raced(folder, "walls.py", "walls.yaml")
     load_plugin(folder / "walls.py")
     load_flavour(str(folder / "walls.yaml"))
-    (folder / "line.txt").write_text(LINE)
-    own = read_fsm(folder / "line.txt", "walls").software
-    (folder / "out" / "fsm.txt").write_text(fsm_file_text(own, {}))  # the winner may have no state of the plugin
-    program = folder / "mercator-robot.pyz"
-    program.write_bytes(bundle())
-    with twin(folder, 1):
-        command = [sys.executable, program, "run", "out/fsm.txt", "--robot", "0/robot.yaml", "--duration", "1.5"]
-        command += ["--seed", "1", "-o", "log.jsonl"]
-        done = subprocess.run(
-            [*map(str, command)], cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    run_on_twin(folder)
     decisions = [decision for _, decision in replay(folder / "log.jsonl")]
     assert len(decisions) >= 10
     assert not any(decision.differs for decision in decisions)
     assert decisions[0].state == 0  # wall following
+
+
+def run_on_twin(folder):
+    """Run a PFSM of the flavour, which is loaded, on a twin: bundle and run folder have all that it needs."""
+    own = parse_software(LINE, "walls")  # the winner may have no state of the plugin
+    (folder / "out" / "fsm.txt").write_text(fsm_file_text(own, {}))
+    (folder / "mercator-robot.pyz").write_bytes(bundle())
+    with twin(folder, 1):
+        command = [sys.executable, "mercator-robot.pyz", "run", "out/fsm.txt", "--robot", "0/robot.yaml"]
+        command += ["--duration", "1.5", "--seed", "1", "-o", "log.jsonl"]
+        without = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        done = subprocess.run(
+            command, cwd=folder, env=without, capture_output=True, text=True, timeout=LIMIT, check=False
+        )
+        assert done.returncode == 0, done.stderr
 
 
 def test_robots_decide_as_the_simulator(tmp_path):
@@ -104,6 +110,7 @@ def test_robots_decide_as_the_simulator(tmp_path):
     assert visited == {0, 1}
 
 
+@pytest.mark.timing
 def test_from_a_wheel(tmp_path, monkeypatch):
     wheel = tmp_path / "own_walls-1-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
@@ -117,7 +124,35 @@ def test_from_a_wheel(tmp_path, monkeypatch):
     install = [sys.executable, *pip, "install", "--no-index", "--no-deps", "--target", site, wheel]
     subprocess.run([*map(str, install)], check=True, capture_output=True)
     monkeypatch.setenv("PYTHONPATH", str(site))
-    raced(tmp_path, "walls", "walls")
-    listed = mdesign(tmp_path, "flavours", "list")
+    monkeypatch.syspath_prepend(site)
+    importlib.invalidate_caches()
+    in_time(lambda number: from_a_wheel(tmp_path / str(number)))
+
+
+def from_a_wheel(folder):
+    folder.mkdir()
+    raced(folder, "walls", "walls")
+    copy = folder / "out" / "plugins" / "own_walls"
+    assert {path.name for path in copy.rglob("*.*")} == {"__init__.py", "modules.py", "walls.yaml"}
+    load_plugin("walls")
+    run_on_twin(folder)
+    replayed = [sys.executable, "mercator-robot.pyz", "replay", "log.jsonl", "--plugin"]
+    for plugin in ("walls", copy):  # the one that is installed, and its copy
+        done = subprocess.run(
+            [*replayed, str(plugin)], cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
+        )
+        assert (done.returncode, "differ" in done.stderr) == (0, False), done.stderr
+        mdesign(folder, "replay", "log.jsonl", "--plugin", plugin, "-o", f"{Path(plugin).name}.html")
+    (copy / "modules.py").write_text(PLUGIN + "\n")
+    changed = "has modules of the plugin own_walls, which has changed since this was designed"
+    for code, words, command in (
+        (1, changed, ["replay", "log.jsonl", "--plugin", "out/plugins/own_walls"]),
+        (3, "own_walls: expected a plugin of digest", ["run", "out/fsm.txt", "--robot", "0/robot.yaml"]),
+    ):
+        done = subprocess.run(
+            [sys.executable, "mercator-robot.pyz", *command], cwd=folder, capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stderr.count("\n"), words in done.stderr) == (code, 1, True), done.stderr
+    listed = mdesign(folder, "flavours", "list")
     assert "walls" not in listed
-    assert "walls" in mdesign(tmp_path, "flavours", "list", "--plugin", "walls")
+    assert "walls" in mdesign(folder, "flavours", "list", "--plugin", "walls")

@@ -217,11 +217,13 @@ def understanding(path: Path) -> Iterator[None]:
     """A context for computing with events of a log, whose values have been checked one by one.
 
     Raises:
-        RobotError: if this version cannot have written them together.
+        RobotError: if this version cannot have written them together, or control software in them is not valid here.
     """
     try:
         yield
-    except (IndexError, ArithmeticError, UnicodeError, FsmError) as error:
+    except FsmError as error:
+        raise RobotError(*(f"{path}: {message}" for message in error.messages)) from None
+    except (IndexError, ArithmeticError, UnicodeError) as error:
         raise RobotError(f"{path}: expected what this version writes, found other events: {error!r}") from None
 
 
@@ -243,7 +245,7 @@ def controller_of(start: LogEvent) -> Controller:
     """The controller in the start of a run's log.
 
     Raises:
-        FsmError: if its control software is not valid.
+        FsmError: if its control software is not valid, or needs a flavour or a plugin that is missing or has changed.
     """
     assert isinstance(start, RunStarted)  # noqa: S101 - `read` has checked it
     ready(start.header or {}, start.flavour, None, "the start of the log", None)

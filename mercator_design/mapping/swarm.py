@@ -106,6 +106,7 @@ def _needs_loops(track: Track) -> bool:
 def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Generator, say: Report) -> SwarmMap:
     number_of = [next(k for k, track in enumerate(tracks) if track is part.track) for part in joined.parts]
     found = [track.keyframes.poses.copy() for track in tracks]
+    without_keyframes: list[tuple[int, int, Floats]] = []
     maps = [np.full(track.n_segments, -1) for track in tracks]
     offsets = np.zeros(len(tracks))
     scales: dict[str, float] = {}
@@ -119,16 +120,22 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
             report=_part(say, "keyframes", number, len(joined.components)),
         )
         frame = _given_frame(joined, component.members, result)
-        for k, part, poses, offset in zip(component.members, parts, result.poses, component.offsets, strict=True):
+        for part, k, poses, place in zip(parts, component.members, result.poses, component.frames, strict=True):
             own = number_of[k]
             found[own][tracks[own].keyframes.segments == part.segment] = compose(frame, poses)
             maps[own][part.segment] = number
-            offsets[own] = offset
+            if len(poses) == 0:
+                without_keyframes.append((own, part.segment, compose(frame, place)))
+        for k, offset in zip(component.members, component.offsets, strict=True):
+            offsets[number_of[k]] = offset
         scales |= result.scales
     changed = [
         replace(track.with_keyframes(poses), scale=scales.get(track.log.name, track.scale))
         for track, poses in zip(tracks, found, strict=True)
     ]
+    for own, segment, place in without_keyframes:  # a lidar that sees no walls: others saw the robot
+        turns = changed[own].segments == segment
+        changed[own].poses[turns] = compose(place, changed[own].poses[turns])
     return SwarmMap(tuple(changed), tuple(maps), offsets, joined.furniture, joined.links, joined.messages)
 
 

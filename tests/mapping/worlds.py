@@ -53,6 +53,17 @@ class Still:
         return np.tile(self._pose, (len(times), 1))
 
 
+class Carried:
+    """A robot that somebody carries elsewhere at some time: its way goes on from there, moved in the world."""
+
+    def __init__(self, way, moment, motion):
+        self.driven, self._moment, self._motion = way, moment, np.array(motion)
+
+    def at(self, times):
+        driven = self.driven.at(times)
+        return np.where((np.asarray(times) < self._moment)[:, None], driven, compose(self._motion, driven))
+
+
 def cast(origins, directions, walls, heads):
     """Ranges (n,) of rays from origins (n, 2) to walls (m, 4) and heads (k, n, 2), and the head that is hit or -1."""
     c, s = np.cos(directions), np.sin(directions)
@@ -111,7 +122,8 @@ def drifting_log(ways, number, walls, duration, seed, *, scale=1.04, **options):
     clock, begin = options.get("clock", 0.0), options.get("begin", 0.0)
     times = np.arange(begin - 0.2, begin + duration + 0.2, 0.05)
     truth = ways[number].at(times)
-    steps = between(truth[:-1], truth[1:])
+    driven = getattr(ways[number], "driven", ways[number]).at(times)  # odometry does not feel that a robot is carried
+    steps = between(driven[:-1], driven[1:])
     steps[:, :2] *= scale
     steps[:, 2] += generator.normal(0.0, math.radians(1.0), len(steps)) * np.sqrt(np.hypot(*steps[:, :2].T))
     odometry = np.zeros((len(times), 3))

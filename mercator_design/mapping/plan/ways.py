@@ -14,7 +14,7 @@ from mercator_design.mapping.logs import RobotLog
 from mercator_design.mapping.track import Track
 
 _CELL = 0.025  # [m] of the map that all turns are matched against
-_DEVIATIONS = np.array([0.03, 0.03, 0.02])  # [m, m, rad] of a turn's pose between its keyframes
+_DEVIATIONS = np.array([0.004, 0.004, 0.006])  # [m, m, rad] of a turn's pose, which the front end has matched once
 _SEARCH = MatchSearch(first_reach=0.15)
 _MIN_SHARE = 0.5  # of a turn's points that must match, or it stays where the front end put it
 

@@ -83,6 +83,9 @@ def test_commands(file, run_command, arguments, words):
 
 
 def test_commands_that_are_about_pfsms_say_so(file, run_command):
-    code, _, problem = run_command("mdesign", main, "fsm", "lint", file)
+    code, _, problem = run_command("mdesign", main, "fsm", "show", "--mission", "aggregation", file)
     assert code == 3
     assert "expected a PFSM, found a behaviour tree (maple)" in problem
+    code, _, problem = run_command("mdesign", main, "fsm", "show", "--format", "yaml", file)
+    assert code == 3
+    assert "fsm.yaml is a form of PFSMs, found a behaviour tree (maple)" in problem

@@ -2,11 +2,12 @@
 
     python benchmarks/published_networks.py [--method evostick] [--runs 100] [--seconds 3000] [--file scores.jsonl]
 
-For each mission of Results-Transferability: the mean over its networks of the mean score of so many experiments, beside
-the mean of the fitness in the files. That of EvoStick and NEAT is the mean of 100 runs after the design, by which a
-network was selected from a population of 100, so it is a little optimistic; that of CMA-ES and xNES is the best mean of
-10 runs ever seen. The networks are those of tests/data. Scores are noted in a file, so that a run which was stopped, or
-has used its time, is continued by the next one. 100 runs of EvoStick's 74 networks take some 20 minutes on two cores.
+For each mission of Results-Transferability, and for those of the networks of 2018 with 25 inputs: the mean over its
+networks of the mean score of so many experiments, beside the mean of the fitness in the files. That of EvoStick and
+NEAT is the mean of 100 runs after the design, by which a network was selected from a population of 100, so it is a
+little optimistic; that of CMA-ES and xNES is the best mean of 10 runs ever seen. The networks are those of tests/data.
+Scores are noted in a file, so that a run which was stopped, or has used its time, is continued by the next one. 100
+runs of EvoStick's 74 networks take some 20 minutes on two cores.
 
 `--dark` and `--speed` answer how much of a difference is due to lights, or to the maximum speed of the robots; name
 another file with them.
@@ -33,6 +34,11 @@ from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Simulator
 
 PUBLISHED = Path(__file__).parents[1] / "tests" / "data" / "published_networks.json.gz"
+OF_2018: Mapping[str, Sequence[str]] = {
+    "vanilla_aggregation": ("robot_model=epuck-2018",),
+    "vanilla_foraging": ("robot_model=epuck-2018", "duration=120"),
+}
+"""How the missions of the networks with 25 inputs differ from shipped ones."""
 SHARE = 10  # experiments that are noted together
 
 
@@ -46,12 +52,14 @@ class Published(NamedTuple):
 
 
 def published(method: str) -> Iterator[Published]:
-    """The networks of a method that Results-Transferability has, with the shipped mission of each."""
+    """The published networks of a method, with the shipped mission of each."""
     for one in json.loads(gzip.decompress(PUBLISHED.read_bytes()))["networks"]:
-        if one["method"] != method or not one["experiment"].startswith("transferability"):
+        if one["method"] != method:
             continue
         small = "small_" * (one["experiment"] == "transferability-2")
         mission = f"transfer_{small}{one['mission'].replace('gridexploration', 'grid')}_{one['robot']}"
+        if one["experiment"] == "maple-2018":
+            mission = f"vanilla_{one['mission'].removesuffix('-two-spots')}"
         nodes = tuple(NetworkNode(number, KINDS[kind]) for number, kind in one["genome"]["nodes"])
         genes = tuple(Gene(source, to, float(weight), bool(on)) for source, to, weight, on in one["genome"]["genes"])
         flavour = "evostick" if one["robot"] == "mercator" else "evostick-epuck"
@@ -71,7 +79,7 @@ def noted(file: Path) -> dict[str, dict[int, float]]:
 
 def simulator(mission: str, *, dark: bool, speed: float | None) -> Simulator:
     """A simulator of a mission, without lights or with another maximum speed of its robots."""
-    loaded = load_mission(mission, ["lights=[]"] if dark else [])
+    loaded = load_mission(mission, [*OF_2018.get(mission, ()), *["lights=[]"] * dark])
     model = load_robot_model(loaded.robot_model)
     drive = replace(model.drive, maximum_speed=model.drive.maximum_speed if speed is None else speed)
     return Simulator(loaded, replace(model, drive=drive))

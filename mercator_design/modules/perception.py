@@ -53,6 +53,27 @@ def ranges(readings: Readings) -> tuple[float, float, float, float, float, float
 
 
 @jittable
+def lights(readings: Readings) -> tuple[float, float, float, float, float, float, float, float]:
+    """What the light sensors read, counter-clockwise from the front, to be indexed in kernels."""
+    return (
+        readings.lights_0,
+        readings.lights_1,
+        readings.lights_2,
+        readings.lights_3,
+        readings.lights_4,
+        readings.lights_5,
+        readings.lights_6,
+        readings.lights_7,
+    )
+
+
+@jittable
+def grounds(readings: Readings) -> tuple[float, float, float]:
+    """The gray levels under the ground sensors, from left to right, to be indexed in kernels."""
+    return readings.grounds_0, readings.grounds_1, readings.grounds_2
+
+
+@jittable
 def proximity_weight(model: ReferenceModel, distance: float) -> float:
     """The weight of an obstacle at a distance [m]: 0 beyond the range, growing as it gets nearer."""
     if distance > model.proximity_range:

@@ -55,6 +55,17 @@ class Readings(NamedTuple):
     ranges_5: Weight = 0.0
     ranges_6: Weight = 0.0
     ranges_7: Weight = 0.0
+    lights_0: Weight = 0.0  # reading of each sensor of a ring of light sensors, counter-clockwise from the front
+    lights_1: Weight = 0.0
+    lights_2: Weight = 0.0
+    lights_3: Weight = 0.0
+    lights_4: Weight = 0.0
+    lights_5: Weight = 0.0
+    lights_6: Weight = 0.0
+    lights_7: Weight = 0.0
+    grounds_0: Channel = 255.0  # gray level under each of three ground sensors, from left to right
+    grounds_1: Channel = 255.0
+    grounds_2: Channel = 255.0
 
 
 @jittable
@@ -82,6 +93,17 @@ def readings_of(row: Any) -> Readings:  # noqa: ANN401 - a list, or an array
         row[18],
         row[19],
         row[20],
+        row[21],
+        row[22],
+        row[23],
+        row[24],
+        row[25],
+        row[26],
+        row[27],
+        row[28],
+        row[29],
+        row[30],
+        row[31],
     )
 
 
@@ -92,6 +114,7 @@ class Sense(NamedTuple):
     sample: str  # of the robot, a sensor of robot/devices/samples.py, or "lidar"; empty: robots lack it
     follows_turns: bool = False  # whether a robot corrects it by how far it has turned since it was measured
     counts_from_start: bool = False  # whether it counts from the pose in which the robot was started up
+    each: str = ""  # key of the device's list of sensors, if there must be one for each reading
 
 
 SENSES: Mapping[str, Sense] = {
@@ -101,7 +124,9 @@ SENSES: Mapping[str, Sense] = {
     "light": Sense("light", ""),
     "heading": Sense("imu", "attitude", follows_turns=True, counts_from_start=True),
     "odometry": Sense("locator", "position", counts_from_start=True),
-    "ranges": Sense("proximity", "proximity"),
+    "ranges": Sense("proximity", "proximity", each="angles"),
+    "lights": Sense("light", "", each="angles"),
+    "grounds": Sense("ground", "", each="positions"),
 }
 """What readings are made of. A robot may lack some; what an active part does not read is not sensed."""
 
@@ -131,7 +156,13 @@ def senses_bits(senses: Iterable[str]) -> int:
 EVERYTHING = senses_bits(SENSES)
 """All senses, as a number; those that a robot lacks have neutral readings."""
 
-N_RANGES = sum(sense_of(field) == "ranges" for field in Readings._fields)
+
+def n_readings(sense: str) -> int:
+    """How many readings a sense has."""
+    return sum(sense_of(field) == sense for field in Readings._fields)
+
+
+N_RANGES = n_readings("ranges")
 
 
 class Actions(NamedTuple):

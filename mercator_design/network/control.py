@@ -8,7 +8,7 @@ from mercator_design.jit import jittable
 from mercator_design.modules.conditions import logistic
 from mercator_design.modules.perception import MutableRow, Row
 from mercator_design.modules.reference import Readings, ReferenceModel
-from mercator_design.network.inputs import N_INPUTS, fill_inputs, gray_sample
+from mercator_design.network.inputs import N_INPUTS, fill_inputs, fill_sensors, gray_sample
 from mercator_design.network.network import FIRST, NetworkProgram
 
 _WAS_ACTIVE = 1
@@ -36,13 +36,17 @@ def network_cycle(
         program: Tables of the network.
         readings: What the robot perceives.
         memory: (NetworkProgram.memory,) changed in place; all zeros at the start of a run.
-        draws: (1,) uniform in [0, 1).
+        draws: (Network.draws,) uniform in [0, 1).
         actions: (2 or more,) the first two are filled, with the speeds of the left and right wheel.
     """
-    fill_inputs(model, readings, gray_sample(draws[0]), memory, FIRST)
-    activate(program, N_INPUTS, memory)
+    n_inputs = program.inputs[0]
+    if n_inputs == N_INPUTS:
+        fill_inputs(model, readings, gray_sample(draws[0]), memory, FIRST)
+    else:
+        fill_sensors(model, readings, draws, memory, FIRST)
+    activate(program, n_inputs, memory)
     for side in range(2):
-        actions[side] = 2.0 * memory[FIRST + N_INPUTS + program.outputs[side]] - 1.0
+        actions[side] = 2.0 * memory[FIRST + n_inputs + program.outputs[side]] - 1.0
 
 
 @jittable

@@ -1,4 +1,4 @@
-"""The inputs of a network: what they mean, and those of reference model 1.2 as a kernel.
+"""The inputs of a network: what they mean, and a kernel for each version of the reference model.
 
 Directions are those of the four quarters around a robot: front left, rear left, rear right, front right. Sources: the
 e-puck's and Mercator's versions of EvoStick (demiurge-project's ARGoS3-NEAT and ARGoS3-NEAT-rvr).
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from mercator_design.jit import jittable
 from mercator_design.modules.conditions import ground_level, logistic
-from mercator_design.modules.perception import MutableRow
+from mercator_design.modules.perception import MutableRow, Row, grounds, lights, ranges
 from mercator_design.modules.reference import Readings, ReferenceModel
 
 _QUARTERS = ("front left", "rear left", "rear right", "front right")
@@ -39,16 +39,17 @@ INPUTS: Mapping[str, tuple[Input, ...]] = {
         _BIAS,
     ),
     "1.1": (
-        *_named("proximity", "proximity sensor", (*range(1, 9),)),
-        *_named("light", "light sensor", (*range(1, 9),)),
-        *_named("ground", "floor", ("left", "centre", "right")),
+        *_named("ranges", "proximity sensor", (*range(1, 9),)),
+        *_named("lights", "light sensor", (*range(1, 9),)),
+        *_named("grounds", "floor", ("left", "centre", "right")),
         *_NEIGHBOURS,
         _BIAS,
     ),
 }
-"""The inputs of a version of the reference model, in their order. Robots have the readings of version 1.2."""
+"""The inputs of a version of the reference model, in their order."""
 
 N_INPUTS = len(INPUTS["1.2"])
+_RING = 8
 
 _DIAGONAL = math.sqrt(0.5)
 
@@ -80,16 +81,47 @@ def fill_inputs(model: ReferenceModel, readings: Readings, gray: float, row: Mut
     """
     _fill_quarters(readings.proximity_x, readings.proximity_y, row, first)
     _fill_quarters(readings.light_x, readings.light_y, row, first + 4)
-    level = ground_level(readings)
-    floor = gray
-    if level <= model.network_black_highest:
-        floor = 0.0
-    elif level >= model.network_white_lowest:
-        floor = 1.0
-    row[first + 8] = floor
+    row[first + 8] = _floor(model, ground_level(readings), gray)
     row[first + 9] = 1.0 - 2.0 * logistic(-readings.neighbours)
     _fill_quarters(readings.neighbours_x, readings.neighbours_y, row, first + 10)
     row[first + 14] = 1.0
+
+
+@jittable
+def fill_sensors(model: ReferenceModel, readings: Readings, draws: Row, row: MutableRow, first: int) -> None:
+    """Fill in the 25 inputs of reference model 1.1: single sensors, and the neighbours by a shorter vector.
+
+    The e-puck numbers its sensors counter-clockwise, from the one on the left of the front on.
+
+    Args:
+        model: Constants.
+        readings: What the robot perceives.
+        draws: (3,) uniform in [0, 1): of what each ground sensor reads on gray floor.
+        row: Filled from place `first` on.
+        first: See row.
+    """
+    near, lit, levels = ranges(readings), lights(readings), grounds(readings)
+    for k in range(_RING):
+        row[first + k] = near[(k + 1) % _RING]
+        row[first + _RING + k] = lit[(k + 1) % _RING]
+    for k in range(3):
+        row[first + 16 + k] = _floor(model, levels[k], gray_sample(draws[k]))
+    row[first + 19] = 1.0 - 2.0 * logistic(-readings.neighbours)
+    x, y = readings.neighbours_x, readings.neighbours_y
+    length = math.sqrt(x * x + y * y)
+    if length > 0.0:
+        scale = (2.0 * logistic(length) - 1.0) / length
+        x, y = scale * x, scale * y
+    _fill_quarters(x, y, row, first + 20)
+    row[first + 24] = 1.0
+
+
+@jittable
+def _floor(model: ReferenceModel, level: float, gray: float) -> float:
+    """A floor input: 0 on black, 1 on white, else what an e-puck reads on gray."""
+    if level <= model.network_black_highest:
+        return 0.0
+    return 1.0 if level >= model.network_white_lowest else gray
 
 
 @jittable

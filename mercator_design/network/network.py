@@ -55,13 +55,14 @@ class NetworkProgram(NamedTuple):
     starts: Row  # of each neuron's links; and the end of the last
     sources: Row  # of each link, number of an input or neuron
     parameters: Row  # of each link, its weight
+    inputs: Row  # (1,) how many there are
     outputs: Row  # numbers of the neurons of the left and right wheel, counted among neurons
     reads: Row  # for the only part, the senses that the network reads, as bits (modules.SENSES)
 
     @property
     def memory(self) -> int:
         """Count of the numbers that it keeps from cycle to cycle (control.py)."""
-        return FIRST + N_INPUTS + 3 * (len(self.starts) - 1)
+        return FIRST + int(self.inputs[0]) + 3 * (len(self.starts) - 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,24 +158,11 @@ class Network:
 
     @property
     def draws(self) -> int:
-        """Uniform draws of a cycle: one, for what is read on gray floor."""
-        return 1
+        """Uniform draws of a cycle: one for what each floor input is on gray floor."""
+        return sum("floor" in one.name for one in self.inputs.values())
 
     def program(self) -> NetworkProgram:
-        """The tables that `network_cycle` runs on.
-
-        Raises:
-            FsmError: The network has inputs that are not of reference model 1.2.
-        """
-        if self.reference_model != "1.2":
-            raise FsmError(
-                f"a network of reference model {self.reference_model} cannot run: it reads each of the sensors of an "
-                "e-puck; use one of reference model 1.2, which has 15 inputs"
-            )
-        return self.tables()
-
-    def tables(self) -> NetworkProgram:
-        """As `program`, for inputs of any version."""
+        """The tables that `network_cycle` runs on."""
         neurons = self.order[len(self.inputs) :]
         number = {node: k for k, node in enumerate(self.order)}
         links = {neuron: [gene for gene in self.enabled if gene.target == neuron] for neuron in neurons}
@@ -186,6 +174,7 @@ class Network:
             starts=tuple(starts),
             sources=tuple(number[gene.source] for gene in genes),
             parameters=tuple(float(gene.weight) for gene in genes),
+            inputs=(len(self.inputs),),
             outputs=tuple(neurons.index(node) for node in self.outputs),
             reads=(senses_bits(self._read),),
         )

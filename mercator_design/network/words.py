@@ -27,7 +27,7 @@ def explanation(network: Network) -> str:
     if unread:
         lines.append(f"It does not read: {', '.join(unread)}.")
     if network.reference_model != "1.2":
-        lines.append(f"Its inputs are of reference model {network.reference_model}; robots here cannot run it.")
+        lines.append(f"Its inputs are of reference model {network.reference_model}: each sensor of an e-puck.")
     return "\n".join(lines) + "\n"
 
 
@@ -36,11 +36,11 @@ Wheels = tuple[float, float]
 
 def responses(network: Network) -> tuple[Wheels, list[tuple[str, Wheels]]]:
     """The wheels if nothing is perceived, and if one input at a time is 1, by its name."""
-    program, n = network.tables(), len(network.inputs)
+    program, n = network.program(), len(network.inputs)
     names = [one.name for one in network.inputs.values()][:-1]  # without the bias, which is always 1
 
     def driven(high: int | None) -> Wheels:
-        memory = [0.0] * (FIRST + n + 3 * (len(program.starts) - 1))
+        memory = [0.0] * program.memory
         memory[FIRST + n - 1] = 1.0
         if high is not None:
             memory[FIRST + high] = 1.0

@@ -18,7 +18,7 @@ from mercator_design.config.schema import FieldError, Range, checked
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import MissionError, excerpt
 from mercator_design.modules.flavour import flavour_of
-from mercator_design.modules.reference import N_RANGES, SENSES, ReferenceModel
+from mercator_design.modules.reference import SENSES, ReferenceModel, Sense, n_readings
 from mercator_design.sim.fields import found_at, mistakes_in, replaced
 from mercator_design.sim.robot_parts import (
     AmbientLight,
@@ -115,13 +115,11 @@ class RobotModel(FromFile):
     @property
     def senses(self) -> frozenset[str]:
         """The senses of modules that the robot has."""
-        found = {name for name, sense in SENSES.items() if getattr(self, sense.device) is not None}
-        return frozenset(found if self.has_ranges else found - {"ranges"})
+        return frozenset(name for name, sense in SENSES.items() if self._has(name, sense))
 
-    @property
-    def has_ranges(self) -> bool:
-        """Whether the robot has as many proximity sensors as readings have ranges."""
-        return self.proximity is not None and len(self.proximity.angles) == N_RANGES
+    def _has(self, name: str, sense: Sense) -> bool:
+        device = getattr(self, sense.device)
+        return device is not None and (not sense.each or len(getattr(device, sense.each, ())) == n_readings(name))
 
 
 def load_robot_model(name_or_path: str) -> RobotModel:

@@ -155,17 +155,19 @@ def _proximity(model: RobotModel) -> scene.Proximity:
         furthest=furthest,
         noise=noise_row(device.noise),
         weight_noise=noise_row(device.weight_noise),
-        order=np.array(ring_order(device.reported or device.angles) if model.has_ranges else [], dtype=np.int64),
+        order=np.array(ring_order(device.reported or device.angles), dtype=np.int64),
     )
 
 
 def _ground(mission: Mission, model: RobotModel) -> scene.Ground:
     device = model.ground
+    places = np.array(device.positions if device else ()).reshape(-1, 2)
     return scene.Ground(
-        places=np.array(device.positions if device else ()).reshape(-1, 2),
+        places=places,
         gray=device is not None and device.gray,
         labels=level_row(simulated_labels(mission.floor, model)),
         noise=noise_row(device.noise if device else None),
+        order=np.argsort(-places[:, 1], kind="stable"),
     )
 
 
@@ -217,6 +219,7 @@ def _light(mission: Mission, model: RobotModel) -> scene.Light:
         range=device.range if device else 0.0,
         occlusion=device.occlusion if device else False,
         noise=noise_row(device.noise if device else None),
+        order=np.array(ring_order(angles), dtype=np.int64),
     )
 
 

@@ -25,7 +25,7 @@ from mercator_design.modules.perception import (
 )
 from mercator_design.modules.reference import ACTIONS, N_READINGS, SCRATCH, NonNegative, ReferenceModel
 from mercator_design.network.control import activate, network_cycle
-from mercator_design.network.inputs import fill_inputs, gray_sample
+from mercator_design.network.inputs import fill_inputs, fill_sensors, gray_sample
 from mercator_design.sim.simulate import tables_of
 from mercator_design.software import Controller
 from tests.fsm.strategies import DRAW, DRAWS, READINGS, pfsms, values
@@ -238,6 +238,7 @@ KERNELS = [
     network_cycle,
     activate,
     fill_inputs,
+    fill_sensors,
     gray_sample,
 ]
 

@@ -1,5 +1,6 @@
 """Networks behave as the original programs recorded, and compiled as in plain Python."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,10 +10,13 @@ from hypothesis import strategies as st
 
 from mercator_design.errors import FsmError
 from mercator_design.jit import compiled
-from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.missions.mission import load_mission
+from mercator_design.modules.reference import Readings, ReferenceModel, sense_of
 from mercator_design.network.control import network_cycle
-from mercator_design.network.inputs import _LEVELS, _SHARES, INPUTS, fill_inputs, gray_sample
+from mercator_design.network.inputs import _LEVELS, _SHARES, INPUTS, fill_inputs, fill_sensors, gray_sample
 from mercator_design.network.network import FIRST, Gene, Network, NetworkNode, perceptron_nodes
+from mercator_design.sim.simulate import Simulator
+from mercator_design.software.controller import Controller
 from tests.fsm.strategies import DRAW, READINGS
 from tests.network.networks import load, network_of, networks, published
 
@@ -177,7 +181,47 @@ def test_what_a_network_reads():
     assert lit.program().reads == (8,)
 
 
-def test_networks_of_another_reference_model_do_not_run():
-    older = next(network for network, one in published().values() if one["reference_model"] == "1.1")
-    with pytest.raises(FsmError, match=r"a network of reference model 1\.1 cannot run"):
-        older.program()
+def test_inputs_of_reference_model_1_1():
+    """Sensors one by one, from the left of the front on; a vector to neighbours that is shorter than 1."""
+    readings = Readings(neighbours=2.0, neighbours_x=0.3, neighbours_y=0.4)
+    readings = readings._replace(
+        **{f"ranges_{k}": k / 10 for k in range(8)}, **{f"lights_{k}": 1 - k / 10 for k in range(8)}
+    )
+    readings = readings._replace(grounds_0=0.0, grounds_1=128.0, grounds_2=255.0)
+    row = [0.0] * 26
+    fill_sensors(ReferenceModel(), readings, (0.1, 0.5, 0.9), row, 1)
+    assert row[:1] == [0.0]
+    assert row[1:9] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.0]
+    assert row[9:17] == pytest.approx([0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 1.0])
+    assert row[17:20] == [0.0, gray_sample(0.5), 1.0]
+    assert row[20] == pytest.approx(1.0 - 2.0 / (1.0 + math.exp(2.0)))
+    length = 2.0 / (1.0 + math.exp(-0.5)) - 1.0
+    left, right = 0.7 * length / math.sqrt(0.5), 0.1 * length / math.sqrt(0.5)
+    assert row[21:25] == pytest.approx([left, right, 0.0, 0.0])
+    assert row[25] == 1.0
+
+
+def older():
+    """Published networks of reference model 1.1."""
+    return [network for network, one in published().values() if one["reference_model"] == "1.1"]
+
+
+def test_networks_of_reference_model_1_1_run():
+    """On e-pucks; a robot's controller does what the simulator did."""
+    network = dataclasses.replace(older()[0], flavour="evostick-epuck")
+    simulator = Simulator(load_mission("vanilla_aggregation", ["robots=4", "duration=10", "robot_model=epuck-2018"]))
+    history = simulator.run(network, 1, record=True).history
+    model = simulator.robot_model.reference_model
+    for robot in range(4):
+        controller = Controller(network, model)
+        for cycle, readings in enumerate(history.readings[:, robot]):
+            found = controller.step(Readings(*readings.tolist()), history.draws[cycle, robot].tolist())
+            assert [found.left, found.right] == history.wheels[cycle, robot].tolist()
+    assert len(np.unique(history.wheels[..., 0])) > 5
+    senses = {sense_of(Readings._fields[k]) for k in np.flatnonzero(np.ptp(history.readings, axis=(0, 1)))}
+    assert senses >= {"ranges", "lights", "grounds", "neighbours"}
+
+
+def test_robots_without_these_sensors_refuse_networks_of_reference_model_1_1():
+    with pytest.raises(FsmError, match="needs grounds and lights, which robot mercator does not perceive"):
+        Simulator(load_mission("aggregation")).run(older()[0], 1)

@@ -78,4 +78,4 @@ def test_published_networks_are_drawn_and_explained():
     for network, one in published().values():
         assert len(lines_of(network)[0]) == sum(gene.enabled for gene in network.genes)
         words = explanation(network)
-        assert ("robots here cannot run it" in words) == (one["reference_model"] == "1.1")
+        assert ("reference model 1.1: each sensor of an e-puck" in words) == (one["reference_model"] == "1.1")

@@ -9,7 +9,7 @@ import pytest
 from mercator_design.errors import FsmError
 from mercator_design.fsm import parse
 from mercator_design.modules.perception import ring_order
-from mercator_design.modules.reference import N_RANGES, Actions, Readings, first_reading, sense_of
+from mercator_design.modules.reference import N_RANGES, Actions, Readings, first_reading, n_readings, sense_of
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.robot_parts import Gaussian
 from tests.own_modules import entered
@@ -54,6 +54,20 @@ def test_readings_are_those_of_the_devices(robot_model):
     weights = measure("proximity_weights")
     assert np.array_equal(found[..., 3:], weights[..., [1, 0, 7, 6, 5, 4, 3, 2]])
     assert weights.any()
+
+
+def test_single_sensors_of_an_e_puck():
+    """Light sensors counter-clockwise from the front, ground sensors from left to right."""
+    light = "lights=[{position: [0, -1, 0.5], intensity: 5}]"
+    world = simulator(robots=3, duration=5, robot_model=load_robot_model("epuck"), overrides=[light])
+    outcome = world.run(parse("--nstates 1 --s0 0 --rwm0 20"), 1, record=True)
+    found, measure = outcome.history.readings, outcome.recording.measure
+    lights, grounds = (
+        slice(first_reading(name), first_reading(name) + n_readings(name)) for name in ("lights", "grounds")
+    )
+    assert np.array_equal(found[..., lights], measure("light_sensors")[..., [7, 0, 1, 2, 3, 4, 5, 6]])
+    assert found[..., grounds] == pytest.approx(measure("ground_sensors")[..., [2, 1, 0], 0])
+    assert found[..., lights].any()
 
 
 @pytest.mark.parametrize("referee", [False, True])

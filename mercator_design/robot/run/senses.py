@@ -11,7 +11,7 @@ from mercator_design.config.colours import COLOURS, RGB, ColourName
 from mercator_design.errors import RobotError
 from mercator_design.modules.clustering import lidar_neighbours
 from mercator_design.modules.perception import perceive, proximity_weight, ring_order
-from mercator_design.modules.reference import N_READINGS, SENSES, Readings, ReferenceModel, first_reading
+from mercator_design.modules.reference import SENSES, Readings, ReferenceModel, first_reading
 from mercator_design.robot.devices.health import LineHealth, percent
 from mercator_design.robot.devices.link import Event
 from mercator_design.robot.devices.ports import DEVICES, DeviceName
@@ -169,7 +169,7 @@ class Senses:
             proximity = self.samples["proximity"].values
         if self._stale("ground", now) is None and not self.is_dark:
             ground = COLOURS[self.label()]
-        row = [0.0] * N_READINGS
+        row = [*Readings()]
         if self._stale("attitude", now) is None:
             row[_HEADING] = math.remainder(heading(self.samples, now), math.tau)
         if self._stale("position", now) is None:

@@ -18,7 +18,7 @@ class Proximity(NamedTuple):
     furthest: float  # [m]
     noise: Floats  # (3,) of distances: a row of noise, see noise.py; so below
     weight_noise: Floats  # of the weights
-    order: Numbers  # (N_RANGES,) of the sensors counter-clockwise from the front; empty: there are more or fewer
+    order: Numbers  # (sensors,) counter-clockwise from the front
 
 
 class Drift(NamedTuple):
@@ -47,6 +47,7 @@ class Ground(NamedTuple):
     gray: bool  # whether they see no colours
     labels: Floats  # (3 * labels,) red, green, blue of each colour that readings count as; empty: as measured
     noise: Floats
+    order: Numbers  # (sensors,) from left to right
 
 
 class Neighbours(NamedTuple):
@@ -76,6 +77,7 @@ class Light(NamedTuple):
     range: float  # [m]
     occlusion: bool
     noise: Floats
+    order: Numbers  # (sensors,) counter-clockwise from the front
 
 
 class Lidar(NamedTuple):

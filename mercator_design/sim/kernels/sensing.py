@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.jit import jittable
 from mercator_design.missions.floor_kernels import colour_at
 from mercator_design.modules.clustering import neighbours_in_hits
@@ -43,9 +43,12 @@ from mercator_design.sim.kernels.swarm import Swarm
 _PROXIMITY, _NEIGHBOURS, _GROUND, _LIGHT = (
     senses_bits({sense}) for sense in ("proximity", "neighbours", "ground", "light")
 )
-_HEADING, _ODOMETRY, _RANGES = (senses_bits({sense}) for sense in ("heading", "odometry", "ranges"))
-_HEADING_AT, _ODOMETRY_AT, _RANGES_AT = map(first_reading, ("heading", "odometry", "ranges"))
+_HEADING, _ODOMETRY = (senses_bits({sense}) for sense in ("heading", "odometry"))
+_RANGES, _LIGHTS, _GROUNDS = (senses_bits({sense}) for sense in ("ranges", "lights", "grounds"))
+_HEADING_AT, _ODOMETRY_AT = map(first_reading, ("heading", "odometry"))
+_RANGES_AT, _LIGHTS_AT, _GROUNDS_AT = map(first_reading, ("ranges", "lights", "grounds"))
 _IMU, _LOCATOR = map(sense_number, ("heading", "odometry"))
+_NEUTRAL = tuple(Readings())
 _TURN = 2.0 * math.pi
 _MAX_DEVIATIONS = 8.0  # by which noise shortens a reading; larger ones occur once in 10^15 readings
 
@@ -56,12 +59,11 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
     has = senses & scene.senses
     row = swarm.readings
     for k in range(len(row)):
-        row[k] = 0.0
+        row[k] = _NEUTRAL[k]
     if has & (_PROXIMITY | _RANGES):
         sense_obstacles(scene, model, swarm, cycle, i)
     if has & _RANGES:
-        for k in range(len(scene.proximity.order)):
-            row[_RANGES_AT + k] = swarm.proximity[scene.proximity.order[k]]
+        _fill_in_order(row, _RANGES_AT, swarm.proximity, scene.proximity.order)
     if not has & _PROXIMITY:
         for k in range(len(swarm.proximity)):
             swarm.proximity[k] = 0.0
@@ -73,14 +75,20 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
             count = float(n)
         else:
             n, count = sense_robots(scene, model, swarm, cycle, i)
-    if has & _GROUND:
+    if has & (_GROUND | _GROUNDS):
         _sense_ground(scene, model, swarm, cycle, i)
-    else:
+    if has & _GROUNDS:
+        _fill_in_order(row, _GROUNDS_AT, swarm.levels, scene.ground.order)
+    if not has & _GROUND:
         for k in range(3):
             swarm.ground[k] = 255.0
     light = (0.0, 0.0)
-    if has & _LIGHT:
+    if has & (_LIGHT | _LIGHTS):
         light = sense_light(scene, model, swarm, cycle, i)
+    if has & _LIGHTS:
+        _fill_in_order(row, _LIGHTS_AT, swarm.light, scene.light.order)
+    if not has & _LIGHT:
+        light = (0.0, 0.0)
     if has & _HEADING:
         row[_HEADING_AT] = sense_heading(scene, swarm, cycle, i)
     if has & _ODOMETRY:
@@ -99,6 +107,13 @@ def sense(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int, i: int,
         light,
         row,
     )
+
+
+@jittable
+def _fill_in_order(row: Floats, first: int, found: Floats, order: Numbers) -> None:
+    """Fill in readings from a place on: those of sensors in their order."""
+    for k in range(len(order)):
+        row[first + k] = found[order[k]]
 
 
 @jittable
@@ -265,6 +280,7 @@ def _sense_ground(scene: Scene, model: ReferenceModel, swarm: Swarm, cycle: int,
     for k in range(sensors):
         red, green, blue = ground_under(scene, swarm, cycle, i, k)
         level = gray_level(red, green, blue)
+        swarm.levels[k] = level
         blacks += 1.0 if level < model.ground_vote_black else 0.0
         whites += 1.0 if level > model.ground_vote_white else 0.0
         ground[0] += red / sensors

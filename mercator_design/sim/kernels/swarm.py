@@ -50,6 +50,7 @@ class Swarm(NamedTuple):
     bearings_x: Floats  # (the same,)
     bearings_y: Floats  # (the same,)
     ground: Floats  # (3,)
+    levels: Floats  # (ground sensors,)
     draws: Floats  # (draws of a control cycle,)
 
 
@@ -105,6 +106,7 @@ def new_swarm(scene: Scene, model: ReferenceModel, poses: Floats, *, control_key
         bearings_x=np.zeros(max_neighbours),
         bearings_y=np.zeros(max_neighbours),
         ground=np.zeros(3),
+        levels=np.zeros(len(scene.ground.places)),
         draws=np.zeros(0),
     )
 

@@ -54,7 +54,7 @@ def ranges(readings: Readings) -> tuple[float, float, float, float, float, float
 
 @jittable
 def lights(readings: Readings) -> tuple[float, float, float, float, float, float, float, float]:
-    """What the light sensors read, counter-clockwise from the front, to be indexed in kernels."""
+    """The readings of the light sensors, counter-clockwise from the front, to be indexed in kernels."""
     return (
         readings.lights_0,
         readings.lights_1,

@@ -108,7 +108,7 @@ def readings_of(row: Any) -> Readings:  # noqa: ANN401 - a list, or an array
 
 
 class Sense(NamedTuple):
-    """What measures the readings of a sense."""
+    """The devices that measure the readings of a sense, in simulation and on the robot."""
 
     device: str  # key of robot models: its device in simulation
     sample: str  # of the robot, a sensor of robot/devices/samples.py, or "lidar"; empty: robots lack it
@@ -158,7 +158,7 @@ EVERYTHING = senses_bits(SENSES)
 
 
 def n_readings(sense: str) -> int:
-    """How many readings a sense has."""
+    """Count of the readings of a sense."""
     return sum(sense_of(field) == sense for field in Readings._fields)
 
 

@@ -19,7 +19,9 @@ def difference(one: Network, other: Network, *_: Sequence[str]) -> Difference:
         return Difference("same", ())
     changes = tuple(_changes(one, other))
     alike = same_constants(one.flavour, other.flavour) and one.reference_model == other.reference_model
-    kind: Literal["equivalent", "different"] = "equivalent" if alike and one.tables() == other.tables() else "different"
+    kind: Literal["equivalent", "different"] = (
+        "equivalent" if alike and one.program() == other.program() else "different"
+    )
     return Difference(kind, changes)
 
 

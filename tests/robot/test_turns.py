@@ -1,9 +1,12 @@
 """Turns of the lidar and odometry in the log of a run, in simulated time in a twin's arena."""
 
+import io
+import json
 from datetime import datetime
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from mercator_design.errors import RobotError
 from mercator_design.mapping.poses import interpolate
@@ -12,6 +15,7 @@ from mercator_design.robot.logs.events import TurnTaken
 from mercator_design.robot.logs.log import Log, read, replay
 from mercator_design.robot.logs.turns import packets_of, readings_of
 from mercator_design.robot.protocols.ydlidar import Packet, PacketTurns, Turns
+from mercator_design.show.files.robot_logs import write_mcap
 from tests.robot.simulated import START, SimulatedDevices, SimulatedRun
 from tests.twin.arenas import arena
 
@@ -120,6 +124,16 @@ def test_turns_of_a_minute_take_at_most_1500_kb(run, tmp_path):
     lines = (tmp_path / "log.jsonl").read_bytes().splitlines(keepends=True)
     size = sum(len(line) for line in lines if line.startswith(b'{"event":"turn"'))
     assert 0.9e6 < size * 60.0 / SECONDS < 1.5e6
+
+
+def test_an_mcap_file_has_the_turns(run, tmp_path):
+    file = io.BytesIO()
+    write_mcap(tmp_path / "log.jsonl", file)
+    found = [message.data for *_, message in make_reader(io.BytesIO(file.getvalue())).iter_messages(topics=["/lidar"])]
+    assert len(found) == len([event for event in read(tmp_path / "log.jsonl") if isinstance(event, TurnTaken)])
+    ranges = np.array(json.loads(found[0])["ranges"])
+    assert 600 < np.count_nonzero(ranges) <= 719
+    assert 0.5 < np.median(ranges[ranges > 0.0]) < 2.0
 
 
 def test_decisions_replay_as_before(run, tmp_path):

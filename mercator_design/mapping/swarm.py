@@ -9,7 +9,7 @@ from mercator_design import seeds
 from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.mapping.frames.fragment import fragments
 from mercator_design.mapping.frames.joining import Joined, join
-from mercator_design.mapping.frames.links import Link
+from mercator_design.mapping.frames.links import FrameLink
 from mercator_design.mapping.front.lag import track_of
 from mercator_design.mapping.joint.refinement import Refined, refine
 from mercator_design.mapping.logs import RobotLog
@@ -36,7 +36,7 @@ class SwarmMap:
     ]  # of each track: (segments,) the number of its map, the largest first; -1: too short for one
     offsets: Floats  # (tracks,) [s] by which a robot's clock is ahead of that of the first one in its map
     furniture: tuple[Flags, ...]  # of each track: (s,) which of its small clusters are furniture
-    links: tuple[Link, ...]  # between fragments, also those that were refused
+    links: tuple[FrameLink, ...]  # between fragments, also those that were refused
     messages: tuple[str, ...]
 
     @property

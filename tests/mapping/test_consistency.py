@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mercator_design.mapping.frames.consistency import merged
-from mercator_design.mapping.frames.links import Link
+from mercator_design.mapping.frames.links import FrameLink
 from mercator_design.mapping.poses import between
 
 POSES = np.array([[0.0, 0.0, 0.0], [1.0, 0.2, 1.0], [-0.5, 1.0, -2.0], [0.3, -1.0, 3.0], [2.0, 2.0, 0.5]])
 
 
 def link(a, b, *, support=100.0, error=(0.0, 0.0, 0.0), offset=0.0, source="sightings"):
-    return Link(a, b, between(POSES[a], POSES[b]) + np.array(error), source, support, offset)
+    return FrameLink(a, b, between(POSES[a], POSES[b]) + np.array(error), source, support, offset)
 
 
 def refused(merge):

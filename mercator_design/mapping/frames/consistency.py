@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mercator_design.arrays import Floats
-from mercator_design.mapping.frames.links import Link
+from mercator_design.mapping.frames.links import FrameLink
 from mercator_design.mapping.poses import between, compose, inverse, wrap
 
 MAX_DISTANCE, MAX_ANGLE = 0.2, math.radians(3.0)
@@ -37,10 +37,10 @@ class Merge(NamedTuple):
     """How fragments are joined."""
 
     components: tuple[Component, ...]  # the largest first
-    links: tuple[Link, ...]  # all of them, with why those that are not used are refused
+    links: tuple[FrameLink, ...]  # all of them, with why those that are not used are refused
 
 
-def merged(n: int, links: Sequence[Link]) -> Merge:
+def merged(n: int, links: Sequence[FrameLink]) -> Merge:
     """Join n fragments by their links.
 
     Fragments that no accepted link connects stay in components of their own.
@@ -54,7 +54,7 @@ def merged(n: int, links: Sequence[Link]) -> Merge:
     return Merge(tuple(_solved(members, used) for members in components), tuple(checked))
 
 
-def _inconsistent(n: int, links: Sequence[Link]) -> list[tuple[int, str]] | None:
+def _inconsistent(n: int, links: Sequence[FrameLink]) -> list[tuple[int, str]] | None:
     """The links to be refused next, and why; None if all cycles agree."""
     used = [k for k, link in enumerate(links) if link.is_accepted]
     cycles = _cycles(n, links, used)
@@ -78,19 +78,19 @@ def _inconsistent(n: int, links: Sequence[Link]) -> list[tuple[int, str]] | None
     return [(k, reason) for k in sorted({worst, *refused})]
 
 
-def _rank(link: Link) -> tuple[int, float]:
+def _rank(link: FrameLink) -> tuple[int, float]:
     """Links by maps are weaker than given starts, and these than sightings."""
     return ("maps", "start", "sightings").index(link.source), link.support
 
 
-def _similar(first: Link, second: Link) -> bool:
+def _similar(first: FrameLink, second: FrameLink) -> bool:
     if first.source != second.source:
         return False
     low, high = sorted((first.support, second.support))
     return high < _SIMILAR * max(low, 1e-9)
 
 
-def _cycles(n: int, links: Sequence[Link], used: Sequence[int]) -> list[list[tuple[int, bool]]]:
+def _cycles(n: int, links: Sequence[FrameLink], used: Sequence[int]) -> list[list[tuple[int, bool]]]:
     """All cycles of two and three links, and of each other link the cycle that it closes with the strongest tree.
 
     A cycle is its links with whether each is followed backwards.
@@ -124,7 +124,7 @@ def _cycles(n: int, links: Sequence[Link], used: Sequence[int]) -> list[list[tup
     return found
 
 
-def _spanning(n: int, links: Sequence[Link], used: Sequence[int]) -> tuple[set[int], dict[int, tuple[int, int]]]:
+def _spanning(n: int, links: Sequence[FrameLink], used: Sequence[int]) -> tuple[set[int], dict[int, tuple[int, int]]]:
     """The links of a spanning forest, the strongest first; and of each fragment its link to its parent, and this."""
     root = list(range(n))
 
@@ -157,7 +157,7 @@ def _spanning(n: int, links: Sequence[Link], used: Sequence[int]) -> tuple[set[i
 
 
 def _path(
-    links: Sequence[Link], parents: dict[int, tuple[int, int]], start: int, end: int
+    links: Sequence[FrameLink], parents: dict[int, tuple[int, int]], start: int, end: int
 ) -> list[tuple[int, bool]] | None:
     """The way along the forest from one fragment to another; None if there is none."""
 
@@ -176,7 +176,7 @@ def _path(
     return way + [(parents[i][0], links[parents[i][0]].b != i) for i in reversed(down)]
 
 
-def _miss(links: Sequence[Link], cycle: Sequence[tuple[int, bool]]) -> str:
+def _miss(links: Sequence[FrameLink], cycle: Sequence[tuple[int, bool]]) -> str:
     """By how much a cycle does not close, if that is too much; else an empty text."""
     frame, clock = np.zeros(3), 0.0
     for k, backwards in cycle:
@@ -196,7 +196,7 @@ def _miss(links: Sequence[Link], cycle: Sequence[tuple[int, bool]]) -> str:
     return ""
 
 
-def _components(n: int, links: Sequence[Link]) -> list[list[int]]:
+def _components(n: int, links: Sequence[FrameLink]) -> list[list[int]]:
     label = list(range(n))
     for link in links:
         a, b = label[link.a], label[link.b]
@@ -204,7 +204,7 @@ def _components(n: int, links: Sequence[Link]) -> list[list[int]]:
     return [[i for i in range(n) if label[i] == one] for one in sorted(set(label))]
 
 
-def _solved(members: Sequence[int], links: Sequence[Link]) -> Component:
+def _solved(members: Sequence[int], links: Sequence[FrameLink]) -> Component:
     """Frames and clocks with the least squares over all links between the members, weighted by their support.
 
     Links by maps have no part where sightings connect the same fragments.
@@ -243,7 +243,7 @@ def _outwards(parents: dict[int, tuple[int, int]]) -> list[int]:
     return sorted(parents, key=depth)
 
 
-def _frame_step(frames: Floats, edges: Sequence[Link]) -> Floats:
+def _frame_step(frames: Floats, edges: Sequence[FrameLink]) -> Floats:
     """The step (n, 3) of Gauss and Newton of all frames but the first one, which stays.
 
     A radian counts as a metre: the robots see each other at about that distance.
@@ -271,7 +271,7 @@ def _frame_step(frames: Floats, edges: Sequence[Link]) -> Floats:
     return step
 
 
-def _clocks(n: int, edges: Sequence[Link]) -> Floats:
+def _clocks(n: int, edges: Sequence[FrameLink]) -> Floats:
     """Offsets (n,) [s] of the clocks with the least squares over the links; 0 where no sightings say anything."""
     rows = np.zeros((len(edges), n))
     for k, edge in enumerate(edges):

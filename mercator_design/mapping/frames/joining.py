@@ -10,7 +10,7 @@ import numpy as np
 from mercator_design.arrays import Flags
 from mercator_design.mapping.frames.consistency import Component, Merge, merged
 from mercator_design.mapping.frames.fragment import Fragment, fragments
-from mercator_design.mapping.frames.links import Link, link_by_sightings
+from mercator_design.mapping.frames.links import FrameLink, link_by_sightings
 from mercator_design.mapping.frames.map_matching import match_maps
 from mercator_design.mapping.frames.persistence import furniture
 from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, walls_of
@@ -31,7 +31,7 @@ class Joined:
     parts: tuple[Fragment, ...]
     furniture: tuple[Flags, ...]  # of each track: which of its clusters (s,) are furniture
     components: tuple[Component, ...]  # the members are numbers of parts
-    links: tuple[Link, ...]
+    links: tuple[FrameLink, ...]
     messages: tuple[str, ...]  # sentences on what was joined and what was not
 
 
@@ -59,7 +59,7 @@ def join(tracks: Sequence[Track], clock_search: float = 3.0, report: Callable[[f
 
 def _links_by_sightings(
     parts: Sequence[Fragment], clock_search: float, report: Callable[[float], None] | None
-) -> list[Link]:
+) -> list[FrameLink]:
     pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if parts[a].track is not parts[b].track]
     maps = _Maps(parts)
     found = []
@@ -81,7 +81,7 @@ class _Maps:
         self.field: Callable[[int], Field] = functools.cache(lambda k: field_of(self.walls(k)))
 
 
-def _checked_by_walls(link: Link, maps: _Maps) -> Link:
+def _checked_by_walls(link: FrameLink, maps: _Maps) -> FrameLink:
     """The link, refused if the walls of one robot stand where the other one's beams went through."""
     if min(len(maps.walls(link.a).points), len(maps.walls(link.b).points)) == 0:
         return link
@@ -94,7 +94,7 @@ def _checked_by_walls(link: Link, maps: _Maps) -> Link:
     return link.refused(f"{share:.0%} of the walls that one saw stand where the other one's beams went through")
 
 
-def _links_by_starts(parts: Sequence[Fragment]) -> list[Link]:
+def _links_by_starts(parts: Sequence[Fragment]) -> list[FrameLink]:
     """Links between the first fragments of the robots whose starts are given."""
     given = []
     for number, part in enumerate(parts):
@@ -102,7 +102,7 @@ def _links_by_starts(parts: Sequence[Fragment]) -> list[Link]:
         if start is not None and len(part.turns) and part.turns[0] == 0:
             given.append((number, compose(np.asarray(start, float), inverse(part.poses[0]))))
     return [
-        Link(first, number, between(frame, other), "start", 1.0)
+        FrameLink(first, number, between(frame, other), "start", 1.0)
         for first, frame in given[:1]
         for number, other in given[1:]
     ]
@@ -110,7 +110,7 @@ def _links_by_starts(parts: Sequence[Fragment]) -> list[Link]:
 
 def _joined_by_maps(parts: Sequence[Fragment], merge: Merge) -> Merge:
     """Join components by their maps, the best match first, until none is accepted."""
-    tried: dict[tuple[tuple[int, ...], tuple[int, ...]], Link | None] = {}
+    tried: dict[tuple[tuple[int, ...], tuple[int, ...]], FrameLink | None] = {}
     while len(merge.components) > 1:
         components = merge.components[:_MAX_MAPS]
         for first, second in combinations(components, 2):
@@ -130,7 +130,7 @@ def _joined_by_maps(parts: Sequence[Fragment], merge: Merge) -> Merge:
     return merge
 
 
-def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> Link | None:
+def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> FrameLink | None:
     walls = [walls_of([parts[k] for k in one.members], list(one.frames)) for one in (first, second)]
     if min(len(one.points) for one in walls) == 0:
         return None
@@ -139,7 +139,7 @@ def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component
     if match is None:
         return None
     # The longest fragments stand for their components.
-    link = Link(first.members[0], second.members[0], match.frame, "maps", match.score, second=match.second)
+    link = FrameLink(first.members[0], second.members[0], match.frame, "maps", match.score, second=match.second)
     if match.refusal:
         return link.refused(match.refusal)
     share = max(conflict(walls[1], field, match.frame), conflict(walls[0], of_second, inverse(match.frame)))

@@ -13,7 +13,7 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.mapping.frames.evidence import Evidence, evidence
 from mercator_design.mapping.frames.fragment import Fragment
-from mercator_design.mapping.frames.voting import Fit, candidates, is_distinct, pairs_of, refined
+from mercator_design.mapping.frames.voting import FrameFit, candidates, is_distinct, pairs_of, refined
 
 MIN_VOTES = 30
 MIN_SHARE = 0.85
@@ -41,7 +41,7 @@ _EXAMINED = 6
 
 
 @dataclass(frozen=True)
-class Link:
+class FrameLink:
     """How the frame of fragment b stands in that of fragment a."""
 
     a: int
@@ -62,11 +62,11 @@ class Link:
     def is_accepted(self) -> bool:
         return not self.refusal
 
-    def refused(self, reason: str) -> "Link":
+    def refused(self, reason: str) -> "FrameLink":
         return replace(self, refusal=reason)
 
 
-def link_by_sightings(a: int, b: int, parts: Sequence[Fragment], clock_search: float) -> Link | None:
+def link_by_sightings(a: int, b: int, parts: Sequence[Fragment], clock_search: float) -> FrameLink | None:
     """The best frame of two fragments by sightings, accepted or refused; None if hardly any sightings agree on one.
 
     Args:
@@ -95,7 +95,7 @@ def link_by_sightings(a: int, b: int, parts: Sequence[Fragment], clock_search: f
     return link
 
 
-def _best(a: int, b: int, parts: Sequence[Fragment], fits: list[Fit]) -> Link | None:
+def _best(a: int, b: int, parts: Sequence[Fragment], fits: list[FrameFit]) -> FrameLink | None:
     fits = [fit for fit in fits if fit.votes >= _FEW_VOTES]
     if not fits:
         return None
@@ -106,7 +106,7 @@ def _best(a: int, b: int, parts: Sequence[Fragment], fits: list[Fit]) -> Link | 
     weight = fit.votes * seen.share
     others = [one.votes * beside.share for one, beside in examined[1:]]
     second = max(others, default=0.0) / max(weight, 1e-9)
-    link = Link(
+    link = FrameLink(
         a,
         b,
         fit.frame,
@@ -123,7 +123,7 @@ def _best(a: int, b: int, parts: Sequence[Fragment], fits: list[Fit]) -> Link | 
     return link.refused(_refusal(link))
 
 
-def _refusal(link: Link) -> str:
+def _refusal(link: FrameLink) -> str:
     """Why a link by sightings is not enough; empty if it is."""
     if link.votes < MIN_VOTES:
         return f"only {link.votes} sightings agree, expected {MIN_VOTES}"
@@ -140,19 +140,19 @@ def _refusal(link: Link) -> str:
     return ""
 
 
-def _fits(a: Fragment, b: Fragment, offset: float, *, with_clock: bool, most: int = _REFINED) -> list[Fit]:
+def _fits(a: Fragment, b: Fragment, offset: float, *, with_clock: bool, most: int = _REFINED) -> list[FrameFit]:
     """Distinct refined frames, those with the most votes first."""
     raw = [one for one in candidates(pairs_of(a, b, offset), most) if one[1] >= 3]
     return _distinct_fits([refined(a, b, frame, offset, with_clock=with_clock) for frame, _ in raw])
 
 
-def _distinct_fits(fits: list[Fit]) -> list[Fit]:
+def _distinct_fits(fits: list[FrameFit]) -> list[FrameFit]:
     """The fits without those that another one contains.
 
     Of frames that are not distinct the one with the least residual stays, if it has 90 % of the votes: with an offset
     of the clocks that is wrong by 0.25 s, as many pairs are near.
     """
-    found: list[Fit] = []
+    found: list[FrameFit] = []
     for fit in sorted(fits, key=lambda one: -one.votes):
         same = [k for k, other in enumerate(found) if not is_distinct(fit.frame, other.frame)]
         if not same:

@@ -36,7 +36,7 @@ class Pairs(NamedTuple):
     target_speeds: Floats  # (n, 2) [m/s] of the targets
 
 
-class Fit(NamedTuple):
+class FrameFit(NamedTuple):
     """A frame that was refined."""
 
     frame: Floats  # (3,) of B in A
@@ -95,7 +95,7 @@ def is_distinct(first: Floats, second: Floats) -> bool:
     return far or abs(float(wrap(first[2] - second[2]))) > _DISTINCT[1]
 
 
-def refined(a: Fragment, b: Fragment, frame: Floats, offset: float, *, with_clock: bool) -> Fit:
+def refined(a: Fragment, b: Fragment, frame: Floats, offset: float, *, with_clock: bool) -> FrameFit:
     """The frame (and the offset of the clocks) with the least squares of near pairs, by Gauss and Newton."""
     pairs = pairs_of(a, b, offset)
     for gate in GATES:
@@ -141,18 +141,18 @@ def _step(pairs: Pairs, frame: Floats, left: Floats, near: NDArray[np.bool_], *,
     return np.asarray(found if with_clock else found * (1.0, 1.0, 1.0, 0.0))
 
 
-def _fit(pairs: Pairs, frame: Floats, offset: float) -> Fit:
+def _fit(pairs: Pairs, frame: Floats, offset: float) -> FrameFit:
     left = pairs.targets - transform(frame, pairs.sources)
     near = np.einsum("ij,ij->i", left, left) <= GATES[-1] ** 2
     votes = int(np.count_nonzero(near))
     if votes < 2:
-        return Fit(frame, offset, votes, math.inf, 0.0, votes)
+        return FrameFit(frame, offset, votes, math.inf, 0.0, votes)
     source = pairs.sources[near]
     middle = source - source.mean(axis=0)
     axis = np.linalg.eigh(middle.T @ middle)[1][:, 1]
     along = middle @ axis
     cells = np.floor(np.column_stack([source, pairs.targets[near]]) / 0.1).astype(np.int64)
-    return Fit(
+    return FrameFit(
         frame,
         offset,
         votes,

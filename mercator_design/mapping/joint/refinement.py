@@ -37,9 +37,9 @@ SIGHTING_SD = 0.015
 
 _SPARSE = 0.3
 """[m] Between keyframes of a log that is sparse."""
-_MOST_POINTS = 120
+_MAX_POINTS = 120
 """Of a keyframe that are compared with another one."""
-_LEAST_SHARE = 0.25
+_MIN_SHARE = 0.25
 _SCALE_LIMITS = 0.7, 1.4
 
 
@@ -188,7 +188,7 @@ def _step(
     information, gradients = np.zeros((len(together), 3, 3)), np.zeros((len(together), 3))
     held = compiled(add_point_factors)(
         *(poses, pairs, nodes.points, nodes.normals, nodes.first, nodes.bins),
-        *(_MOST_POINTS, gate, scale, sigma, _LEAST_SHARE),
+        *(_MAX_POINTS, gate, scale, sigma, _MIN_SHARE),
         *(np.zeros((10, 3)), information[:n], gradients[:n]),
     )
     compiled(add_motion_factors)(

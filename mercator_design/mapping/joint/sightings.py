@@ -13,7 +13,7 @@ _GATE = 0.25
 """[m] Between a head and the robot that it should be."""
 _PER_KEYFRAME = 2
 """Sightings of a robot by another one that belong to the same keyframe."""
-_LONGEST = 3.0
+_MAX_TIME_APART = 3.0
 """[s] From a sighting to its keyframe."""
 
 
@@ -74,8 +74,8 @@ def _between(
     part, other = parts[a], parts[b]
     times = part.sightings.times[rows]
     i, j = _nearest(keyframe_times[a], times), _nearest(keyframe_times[b], times + later)
-    near = np.abs(keyframe_times[a][i] - times) <= _LONGEST
-    near &= np.abs(keyframe_times[b][j] - times - later) <= _LONGEST
+    near = np.abs(keyframe_times[a][i] - times) <= _MAX_TIME_APART
+    near &= np.abs(keyframe_times[b][j] - times - later) <= _MAX_TIME_APART
     # Of the sightings at one keyframe the middle ones count: they are nearest to it.
     order = np.lexsort((np.abs(keyframe_times[a][i] - times), i))
     rank = np.empty(len(rows), dtype=np.int64)

@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
 from mercator_design.mapping.frames.walls import CELL, Field, Walls
@@ -24,8 +25,9 @@ _N_ANGLES = 180
 _DISTINCT = 0.3, math.radians(12.0)
 """[m], [rad]"""
 _PEAKS_OF_ANGLE = 2
-_MAX_SIZE = 4096
-"""Cells along a side of the correlated grids."""
+_N_ANGLES_OF_LARGE = 360
+_MAX_SIZE = 800
+"""Cells along a side of the correlated grids, about; those of larger maps are coarser."""
 
 
 class MapMatch(NamedTuple):
@@ -38,7 +40,7 @@ class MapMatch(NamedTuple):
 
 
 def match_maps(walls: Walls, field: Field, of_field: Walls) -> MapMatch | None:
-    """The best frame of walls in the map of a field; None if one of them has hardly any walls, or is too large.
+    """The best frame of walls in the map of a field; None if one of them has hardly any walls.
 
     Args:
         walls: The walls whose frame is searched.
@@ -74,25 +76,26 @@ def _peaks(walls: Walls, field: Field) -> list[tuple[float, Floats]]:
     middle = walls.points.mean(axis=0)
     centred = walls.points - middle
     reach = float(np.linalg.norm(centred, axis=1).max())
-    half = math.ceil(reach / CELL) + 1
-    shape = tuple(int(fft.next_fast_len(n + 2 * half + 1, real=True)) for n in field.values.shape)
-    if max(shape) > _MAX_SIZE:
-        return []
-    image = fft.rfft2(field.values, shape)  # padded: the correlation would wrap around
+    coarse = math.ceil((max(field.values.shape) * CELL + 2.0 * reach) / (CELL * _MAX_SIZE))
+    values, cell = _coarser(field.values, coarse), CELL * coarse
+    n_angles = _N_ANGLES if coarse == 1 else _N_ANGLES_OF_LARGE
+    half = math.ceil(reach / cell) + 1
+    shape = tuple(int(fft.next_fast_len(n + 2 * half + 1, real=True)) for n in values.shape)
+    image = fft.rfft2(values, shape)  # padded: the correlation would wrap around
     found: list[tuple[float, Floats]] = []
-    suppressed = math.ceil(_DISTINCT[0] / CELL)
-    for k in range(_N_ANGLES):
-        angle = -math.pi + 2.0 * math.pi * k / _N_ANGLES
-        cells = np.floor(rotate(angle, centred) / CELL + 0.5).astype(np.int64) + half
+    suppressed = math.ceil(_DISTINCT[0] / cell)
+    for k in range(n_angles):
+        angle = -math.pi + 2.0 * math.pi * k / n_angles
+        cells = np.floor(rotate(angle, centred) / cell + 0.5).astype(np.int64) + half
         other = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
         np.add.at(other, (cells[:, 1], cells[:, 0]), 1.0)
         sums = fft.irfft2(image * np.conj(fft.rfft2(other, shape)), shape)
         for _ in range(_PEAKS_OF_ANGLE):
             i, j = np.unravel_index(int(np.argmax(sums)), shape)
             score = float(sums[i, j]) / len(cells)
-            row = int(i) - shape[0] if i >= field.values.shape[0] else int(i)  # shifts beyond the field are negative
-            column = int(j) - shape[1] if j >= field.values.shape[1] else int(j)
-            place = field.low + CELL * (np.array([column, row]) + half + 0.5)
+            row = int(i) - shape[0] if i >= values.shape[0] else int(i)  # shifts beyond the field are negative
+            column = int(j) - shape[1] if j >= values.shape[1] else int(j)
+            place = field.low + cell * (np.array([column, row]) + half + 0.5)
             turned = rotate(angle, middle[None])[0]
             found.append((score, np.array([place[0] - turned[0], place[1] - turned[1], angle])))
             rows = np.arange(i - suppressed, i + suppressed + 1) % shape[0]
@@ -104,6 +107,17 @@ def _peaks(walls: Walls, field: Field) -> list[tuple[float, Floats]]:
         if all(_is_distinct(frame, other) for _, other in distinct):
             distinct.append((score, frame))
     return distinct
+
+
+def _coarser(values: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """A field of larger cells, each with the largest of its values."""
+    if factor == 1:
+        return values
+    rows, columns = (factor * math.ceil(n / factor) for n in values.shape)
+    padded = np.zeros((rows, columns), dtype=np.float32)
+    padded[: values.shape[0], : values.shape[1]] = values
+    blocks = padded.reshape(rows // factor, factor, columns // factor, factor)
+    return np.asarray(blocks.max(axis=(1, 3)), dtype=np.float32)
 
 
 def _is_distinct(first: Floats, second: Floats) -> bool:

@@ -94,6 +94,20 @@ def reached(entry: Kernel, marked: Collection[Kernel]) -> list[Kernel]:
     return list(found)
 
 
+def origins(entry: Kernel, marked: Collection[Kernel]) -> set[str]:
+    """The packages, such as math, whose modules and callables an entry function uses, also by functions that it calls.
+
+    Arguments are those of `foreign_part`.
+    """
+    return {_origin(value) for kernel in reached(entry, marked) for value in _read(kernel).values()}
+
+
+def _origin(value: object) -> str:
+    owner = getattr(value, "__self__", value)
+    name = owner.__name__ if isinstance(owner, types.ModuleType) else type(owner).__module__ if callable(value) else ""
+    return name.partition(".")[0]
+
+
 def _named(kernel: Kernel) -> list[Kernel]:
     """The functions that become a part of a kernel: those that it names, also in tables; of a dispatcher its links."""
     links = getattr(kernel, "links", None)

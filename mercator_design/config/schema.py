@@ -121,6 +121,7 @@ class OneOf:
     """A text is one of some words, which a function returns where there may be more of them later."""
 
     words: tuple[str, ...] | Callable[[], tuple[str, ...]]
+    more: str = ""  # what else there may be, in messages
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -130,7 +131,7 @@ class OneOf:
         return value in self.known
 
     def says(self, noun: str) -> str:  # noqa: ARG002 - as all rules have it
-        return one_of(list(self.known))
+        return one_of(list(self.known)) + self.more
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,6 +113,9 @@ def _flavours() -> tuple[str, ...]:
     return flavour_names("pfsm")
 
 
+_KNOWN = OneOf(_flavours, more=", or that of a file (--flavour)")
+
+
 def _names_differ(states: tuple[NamedState, ...]) -> Iterator[FieldError]:
     names = [state.name for state in states]
     for i, name in enumerate(names):
@@ -160,7 +163,7 @@ class NamedPfsm:
     CHECKS: ClassVar = (_limits_are_kept, _names_differ, _targets_exist, _modules_exist)
 
     schema: Literal[1]  # version of this format
-    flavour: Annotated[str, OneOf(_flavours)] = DEFAULT_FLAVOUR  # which modules there are
+    flavour: Annotated[str, _KNOWN] = DEFAULT_FLAVOUR  # which modules there are
     header: Mapping[HeaderKey, str] | None = None  # what is known of the PFSM, as in the comments of an fsm.txt
     states: Annotated[tuple[NamedState, ...], Length(1)]  # the first is the initial one
 

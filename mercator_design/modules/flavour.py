@@ -247,7 +247,10 @@ def flavour_of(name: str, architecture: str | None = None) -> Flavour:
         if name not in _loaded:
             files = shipped.flavours()
             if name not in files:
-                raise FsmError(f"flavour: expected one of {', '.join(flavour_names())}, found {excerpt(repr(name))}")
+                raise FsmError(
+                    f"flavour: expected one of {', '.join(flavour_names())}, found {excerpt(repr(name))}; another one "
+                    "is given by its FILE.yaml, or with the plugin that has it (--plugin)"
+                )
             _loaded[name] = flavour_from(files[name].read_text("utf-8"), str(files[name]))
         found = _loaded[name]
     if architecture not in {None, found.architecture}:

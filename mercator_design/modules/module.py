@@ -63,8 +63,9 @@ class ModuleParameter:
 
     @property
     def domain(self) -> str:
-        """The domain as text: "an integer from 1 to 100"."""
-        return f"{'an integer' if self.integer else 'a number'} from {self.low:g} to {self.high:g}"
+        """The domain as text: "an integer from 1 to 100", "an integer from 0 to 1 (green, blue)"."""
+        words = f" ({', '.join(self.labels)})" * bool(self.labels)
+        return f"{'an integer' if self.integer else 'a number'} from {self.low:g} to {self.high:g}{words}"
 
     @property
     def sampled(self) -> tuple[float, float]:
@@ -310,8 +311,8 @@ def _parameter(module: str, name: str, kind: Any) -> ModuleParameter:  # noqa: A
     is_whole = base is float or all(bound == bound // 1 for bound in (domain.low, domain.high))
     if not (is_known and -1e9 <= domain.low < domain.high <= 1e9 and is_whole):
         raise ValueError(
-            f"{module}: parameter {name}: expected Annotated[float, Range(lowest, highest)], the same of int, or a "
-            f"Literal of words"
+            f"{module}: parameter {name}: expected Annotated[float, Range(lowest, highest)] with the lower bound "
+            f"first, the same of int, or a Literal of words"
         )
     return ModuleParameter(
         name=name,

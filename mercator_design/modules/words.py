@@ -86,7 +86,13 @@ def module_words(module: "Module", values: tuple[float, ...], swarm: "KnownSwarm
                 raise
             place = line_of(error) or first_line(module.function)
             raise FsmError(f"{place}words of {module.name}: {described(error)}") from None
-    return f"runs {with_parameters(module, values)}: {module.sentence}" if module.sentence else f"runs {module.name}"
+    if module.kind == "behaviour":
+        does = f"runs {module.name}"
+    elif module.has_beta:
+        does = probability_words(values[0], swarm, f"where {module.name} holds")
+    else:
+        does = f"with the probability of {module.name}"
+    return f"{does}: {module.sentence}" if module.sentence else does
 
 
 def with_parameters(module: "Module", values: tuple[float, ...]) -> str:

@@ -31,6 +31,7 @@ from mercator_design.results.provenance import Provenance
 from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.sim.robot_model import RobotModel
 from mercator_design.software.architectures import decoded
+from mercator_design.software.needed import PLUGINS
 
 MAX_ELITES = 8
 """Maximum number of elites that are compared."""
@@ -192,7 +193,9 @@ class Facts:
 
     def command(self, *verb: str, file: str = "", options: Sequence[str] = ()) -> str:
         """The command that runs a verb of mdesign on the folder or a file of it; by default the one for the page."""
-        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named / file), *options])
+        names = self.start.get("plugins", ()) if file else ()  # a run folder knows its own
+        loaded = [word for name in names for word in ("--plugin", str(self.named / PLUGINS / name))]
+        return shlex.join(["mdesign", *(verb or ["report"]), str(self.named / file), *options, *loaded])
 
 
 def _checked(folder: Path, record: Record) -> tuple[str, ...]:

@@ -211,7 +211,8 @@ def test_lenient_files_may_leave_domains(tmp_path):
     heard: list[str] = []
     assert read_fsm(path, tolerate=heard.append) == file
     assert [words.split(" is ")[1] for words in heard] == [
-        "50, not a number from 1 to 5", "1.5, not a number from 0 to 1", "7, not an integer from 0 to 3",
+        "50, not a number from 1 to 5", "1.5, not a number from 0 to 1",
+        "7, not an integer from 0 to 3 (green, blue, red, yellow)",
     ]  # fmt: skip
     with pytest.raises(FsmError, match="alpha"):
         read_fsm(path)

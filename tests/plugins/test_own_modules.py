@@ -14,8 +14,9 @@ from mercator_design.fsm.space.grammar import parameters_of
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules import module as modules
 from mercator_design.modules.flavour import define_flavour, flavour_names, flavour_of, load_flavour
-from mercator_design.modules.module import BEHAVIOURS, CONDITIONS
+from mercator_design.modules.module import BEHAVIOURS, CONDITIONS, KnownSwarm
 from mercator_design.modules.reference import Readings, ReferenceModel
+from mercator_design.modules.words import module_words
 from mercator_design.plugins import loading, registries
 from mercator_design.plugins.loading import load_plugin, loaded_plugins
 from mercator_design.plugins.sources import read_plugin
@@ -76,6 +77,21 @@ class TestEntering:
         actions = controller.step(Readings(), [0.5] * controller.draws)
         assert (actions.left, actions.right) == (1.0, 0.6)
 
+    def test_its_modules_in_words(self, walls):
+        swarm, following = KnownSwarm(0.1, 3), BEHAVIOURS["wall following"]
+        assert module_words(following, (1.0,), swarm).startswith("runs wall following: Follow a wall")
+        assert module_words(CONDITIONS["wall near"], (0.5,), swarm) == (
+            "with probability 0.5 a cycle where wall near holds (after 0.2 s there, on average): "
+            "A wall or a robot is near"
+        )
+
+    def test_an_fsm_yaml_of_a_flavour_that_is_not_given(self, elsewhere, mdesign):
+        text = (elsewhere / "fsm.yaml").read_text()
+        text = text[: text.index("header")] + text[text.index("states:") :]
+        (elsewhere / "fsm.yaml").write_text(text)
+        code, _, err = mdesign("validate", elsewhere / "fsm.yaml", "--plugin", elsewhere / "walls.py")
+        assert (code, 'or that of a file (--flavour), found "walls"' in err) == (3, True)
+
     @pytest.mark.parametrize(
         ("text", "message"),
         [
@@ -94,6 +110,7 @@ class TestEntering:
                 PLUGIN.replace("Annotated[float, Range(0, 1)]", "float"),
                 "parameter beta: expected Annotated[float, Range",
             ),
+            (PLUGIN.replace("Range(0, 1)", "Range(1, 0)"), "Range(lowest, highest)] with the lower bound first"),
             (PLUGIN.replace("Annotated[float, Range(0, 1)]", "str"), "parameter beta: expected Annotated[float, Range"),
             (PLUGIN.replace("beta", "Beta_1"), "parameter Beta_1: expected a name of the letters a to z"),
             ("x = 1\n", "a plugin that defines nothing; expected a @behaviour, a @condition, a flavour"),
@@ -423,6 +440,21 @@ class TestTrial:
         assert all(
             re.match(r"/\S+/walls\.py:\d+: (behaviour wall following|condition wall near): ", one) for one in problems
         )
+
+    @pytest.mark.parametrize(
+        ("head", "call", "message"),
+        [
+            ("import numpy as np", "np.hypot(x, y)", "uses numpy; robots have no NumPy: use math"),
+            ("from numpy import hypot", "hypot(x, y)", "uses numpy; robots have no NumPy: use math"),
+            ("from random import random", "random()", "uses random; then no run can be repeated: use u"),
+            ("import time", "time.time()", "uses time; then no run can be repeated: count cycles in memory"),
+        ],
+    )
+    def test_packages_that_robots_lack_or_that_cannot_be_repeated(self, tmp_path, head, call, message):
+        text = PLUGIN.replace("import math\n", f"import math\n{head}\n").replace("math.sqrt(x * x + y * y)", call)
+        problems, _ = self.tried(tmp_path, text)
+        assert len(problems) == 1
+        assert re.match(rf"/\S+/walls\.py:\d+: behaviour wall following: {re.escape(message)}", problems[0])
 
     def test_what_is_declared_in_vain(self, tmp_path):
         problems, notes = self.tried(tmp_path, PLUGIN.replace('reads={"proximity"})', 'reads={"proximity", "light"})'))

@@ -7,6 +7,7 @@ import pytest
 
 from mercator_design.errors import SettingsError
 from mercator_design.robot.devices.settings import parse_settings
+from mercator_design.robot.devices.sight import Sight
 from mercator_design.twin.devices.lidar import Hiding, LidarState
 from tests.robot.log_events import read
 from tests.robot.simulated import START
@@ -265,3 +266,19 @@ class TestRun:
 def test_sectors_that_are_none(blind, words):
     with pytest.raises(SettingsError, match=words):
         parse_settings(f"lidar: {{blind: [{blind}]}}", "robot.yaml", Path())
+
+
+class TestTurnsOfARobotThatMoves:
+    def empty_turn(self, readings, turned):
+        """The notes on a turn of the lidar without a reading, in which the robot turned by an angle [rad]."""
+        sight = Sight(5.0, (), 0.1)
+        for k, (found, heading) in enumerate([(readings, 0.0), (0, turned), (readings, turned)]):
+            sight.take(found, [], heading, 0.147 * k)
+        return sight.check(0.5)
+
+    @pytest.mark.parametrize("readings", [17, 37])
+    def test_the_head_of_one_robot_may_pass_where_a_turn_ends(self, readings):
+        assert self.empty_turn(readings, 0.6) == []
+
+    def test_a_room_cannot(self):
+        assert "between turns with 719 and 719 readings" in self.empty_turn(719, 0.6)[0]

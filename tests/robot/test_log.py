@@ -402,3 +402,13 @@ def test_a_disk_that_hangs(waits, tmp_path, monkeypatch):
     finally:
         goes_on.set()
         log._thread.join()
+
+
+def test_a_plugin_that_is_missing_is_named(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        header = {"module plugins": "walls.py 0123456789abcdef"}
+        start = {"flavour": "walls", "header": header, "control_period": 0.1, "reference_model": ReferenceModel()}
+        log.begin(RunStarted(robot="mercator", fsm=FSM, **start))
+    words = r"log\.jsonl: the start of the log: has modules of the plugin walls\.py; give --plugin"
+    with pytest.raises(RobotError, match=words):
+        [*replay(tmp_path / "log.jsonl")]

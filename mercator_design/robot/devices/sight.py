@@ -25,6 +25,8 @@ _CALM = 10.0  # [s] without an empty turn, after which the next one is reported 
 _TURNS = 28  # of a view that is judged in a run: 4 s
 _STRAIGHT = math.radians(3.0)  # by which a robot may turn during a turn of the lidar that a view takes
 _DEGREES = 360
+_PASSING = 0.35
+"""[rad] by which a robot that passes close by moves in a turn of the lidar."""
 _EACH = BINS // _DEGREES
 _MIN_BLANK = 20  # [degrees] of a sector that counts as blank
 _MIN_SEEN = 120  # [degrees] in which something must be seen ...
@@ -48,6 +50,16 @@ class LidarTurn(NamedTuple):
 def flickers(before: int, after: int) -> bool:
     """Whether turns without a reading were a fault, by the readings of the turns before and after them."""
     return min(before, after) >= SURE_READINGS
+
+
+def _are_many(before: LidarTurn, after: LidarTurn, turned: float) -> bool:
+    """Whether a working lidar cannot have missed them, on a robot that has turned by an angle [rad] in the meantime.
+
+    A turn of the lidar ends where it begins. What moves over this direction while the robot turns, or passes, is in
+    none of the samples of a turn. So each bin of that angle may have been a reading.
+    """
+    missed = (turned + _PASSING) / STEP
+    return flickers(before.readings, after.readings) and min(before.readings, after.readings) > missed
 
 
 class Sight:
@@ -76,6 +88,7 @@ class Sight:
         self._turns: deque[LidarTurn] = deque()
         self._last: LidarTurn | None = None  # in which something was seen, or the first one
         self._heading = math.nan
+        self._turned = 0.0  # since the latest turn in which something was seen [rad]
         self._view = View(self._blind, self._nearest)
 
     def take(self, readings: int, ranges: Sequence[float], heading: float, now: float) -> None:
@@ -90,6 +103,7 @@ class Sight:
         self.readings = readings
         was_empty = bool(self._turns) and self._turns[-1].is_empty
         turned, self._heading = abs(math.remainder(heading - self._heading, math.tau)), heading
+        self._turned += 0.0 if math.isnan(turned) else turned
         turn = LidarTurn(now, now - self._turns[-1].time if self._turns else 0.0, self.readings)
         self._turns.append(turn)
         span = NOTED if self._limit is None else 2.0 * self._limit
@@ -100,10 +114,11 @@ class Sight:
             self._last = turn
         if turn.is_empty:
             return
+        since, self._turned = self._turned, 0.0
         if self._is_noted:
             self._is_noted = False
             self._notes.append(f"it sees something again ({turn.readings} readings in a turn)")
-        elif before is not None and was_empty and flickers(before.readings, turn.readings):
+        elif before is not None and was_empty and _are_many(before, turn, since):
             self._note_flicker(before, turn)
         if turned < _STRAIGHT:  # else the turn is of several headings
             self._view.take(ranges, heading)

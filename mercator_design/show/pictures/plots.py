@@ -125,8 +125,8 @@ def _presence(axes: Axes, shown: ShownExperiment) -> None:
     if shown.mission is not None:
         draw_arena(axes, shown.mission)
     beside = axes.inset_axes((1.03, 0.0, 0.03, 1.0))
-    bar = axes.figure.colorbar(image, cax=beside, format=lambda seconds, _: f"{seconds:g}")
-    bar.set_label(f"time of robots in a cell of {100.0 * cell:.0f} cm [s]", labelpad=1.0)
+    axes.figure.colorbar(image, cax=beside, format=lambda seconds, _: f"{seconds:g}")
+    axes.set_title(f"time of robots in a cell of {100.0 * cell:.0f} cm [s]", size="medium")  # beside the bar is no room
 
 
 def _states(axes: Axes, shown: ShownExperiment) -> None:

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple, cast, get_type_hints
 
 import numpy as np
 
+from mercator_design.compiling.kernel_sources import origins
 from mercator_design.config.schema import Range
 from mercator_design.errors import FsmError, Signalled, described, excerpt
-from mercator_design.jit import compiled, jit_wanted
+from mercator_design.jit import compiled, jit_wanted, marked
 from mercator_design.modules.behaviours import behave
 from mercator_design.modules.conditions import probability
 from mercator_design.modules.flavour import Flavour
@@ -38,6 +39,12 @@ SETTINGS = 80
 MAX_CALL_TIME = 10.0
 """[s] of the processor's time that a call may take."""
 _MAX_BOUNDS = 32
+_REFUSED = {
+    "numpy": "robots have no NumPy: use math",
+    "random": "then no run can be repeated: use u, the random number of the cycle",
+    "time": "then no run can be repeated: count cycles in memory",
+}
+"""Packages that a module must not use, even if it can be compiled, and what to do instead."""
 
 DOMAINS: dict[str, Range] = {
     field: hint.__metadata__[0] for field, hint in get_type_hints(Readings, include_extras=True).items()
@@ -155,9 +162,12 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
     calls = 0
     place = first_line(module.function)
     what = f"{module.kind} {module.name}"
+    if refused := sorted(origins(module.function, marked()) & {*_REFUSED}):
+        words = tuple(f"{place}{what}: uses {name}; {_REFUSED[name]}" for name in refused)
+        return Trial(module=module, calls=0, is_compiled=False, problems=words, notes=())
     if endless := _endless(module, model):
         return Trial(module=module, calls=1, is_compiled=False, problems=(f"{place}{what}: {endless}",), notes=())
-    with reporting_kernels({module.call: what}, FsmError):
+    with reporting_kernels({module.call: f"{what} (it declares memory={module.memory})"}, FsmError):
         fast = _compiled_calls(module, model) if jit_wanted() else None
     random = Random(module.name)
     for parameters in _settings(module.parameters, random):

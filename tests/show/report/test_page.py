@@ -9,6 +9,7 @@ import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -474,3 +475,10 @@ def test_the_verdict_names_pfsms_of_one_state_only_where_some_ran():
         "On the same fresh instances, it is significantly better than random networks; it is not distinguishable from "
         "the runner-up."
     )
+
+
+def test_commands_on_files_of_a_race_with_a_plugin_name_its_copy():
+    facts = SimpleNamespace(start={"plugins": {"walls.py": "0123456789abcdef"}}, named=Path("r"))
+    shown = Facts.command(facts, "fsm", "show", file="fsm.txt")
+    assert shown == "mdesign fsm show r/fsm.txt --plugin r/plugins/walls.py"
+    assert Facts.command(facts, "runs", "verify") == "mdesign runs verify r"

@@ -163,8 +163,8 @@ def try_module(module: Module, model: ReferenceModel) -> Trial:
     place = first_line(module.function)
     what = f"{module.kind} {module.name}"
     if refused := sorted(origins(module.function, marked()) & {*_REFUSED}):
-        words = tuple(f"{place}{what}: uses {name}; {_REFUSED[name]}" for name in refused)
-        return Trial(module=module, calls=0, is_compiled=False, problems=words, notes=())
+        banned = tuple(f"{place}{what}: uses {name}; {_REFUSED[name]}" for name in refused)
+        return Trial(module=module, calls=0, is_compiled=False, problems=banned, notes=())
     if endless := _endless(module, model):
         return Trial(module=module, calls=1, is_compiled=False, problems=(f"{place}{what}: {endless}",), notes=())
     with reporting_kernels({module.call: f"{what} (it declares memory={module.memory})"}, FsmError):

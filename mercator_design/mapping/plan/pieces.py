@@ -13,7 +13,7 @@ from mercator_design.mapping.front.surfels import CELL
 from mercator_design.mapping.plan.occupancy import sharp_keyframes
 from mercator_design.mapping.plan.ways import Way, map_of
 
-_MIN_WEIGHT = 3.0  # points of a surfel
+_MIN_WEIGHT = 3.0  # points of a surfel, if there are as many keyframes
 _NEAR = 0.11  # [m] between neighbours
 _SAME = 0.95  # product of the normals of pieces of one wall
 _BESIDE = 0.03  # [m] across a wall, within which pieces are of one face
@@ -32,7 +32,8 @@ def pieces_of(ways: Sequence[Way]) -> Floats:
     A wall on the border of two rows of cells is split by them into two halves of its points. So each piece is moved
     across to the mean of its neighbours of the same face, and doubles are dropped.
     """
-    rows = map_of(ways, CELL, [sharp_keyframes(way) for way in ways]).surfels(_MIN_WEIGHT)
+    sharp = [sharp_keyframes(way) for way in ways]
+    rows = map_of(ways, CELL, sharp).surfels(min(_MIN_WEIGHT, float(sum(map(np.sum, sharp)))))
     if not len(rows):
         return rows
     rows = rows[np.lexsort(rows.T[::-1])]

@@ -93,7 +93,8 @@ def text(found: dict[str, Any]) -> str:
         for one in robots:
             clock = f", clock {one['clock_offset']:+.3f} s" if abs(one["clock_offset"]) > 0.0005 else ""
             lines.append(
-                f"  {one['name']}: {one['turns']} turns, {100 * one['matched']:.1f} % matched, {one['path']:.1f} m, "
+                f"  {one['name']}: {one['turns']} {'turn' if one['turns'] == 1 else 'turns'}, "
+                f"{100 * one['matched']:.1f} % matched, {one['path']:.1f} m, "
                 f"odometry x {one['odometry_scale']:.3f}{clock}"
             )
         for what, error in plan["errors"].items():

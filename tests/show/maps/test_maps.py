@@ -125,6 +125,23 @@ def test_the_page_needs_nothing_else(plan, tmp_path):
     assert re.search(r'(?:src|href)="(?!data:|#)', page) is None
 
 
+@pytest.mark.parametrize("turns", [0, 1])
+def test_logs_of_hardly_anything(log, turns, tmp_path):
+    swarm = map_swarm([replace(log, turns=log.turns[:turns])])
+    found = write_maps(tmp_path, plans_of(swarm), [])
+    assert len(found["maps"]) == turns
+    assert (tmp_path / "report.html").exists()
+    assert (tmp_path / "walls.geojson").exists() == bool(turns)
+    assert all(one["walls"] > 3.0 for one in found["maps"])
+
+
+def test_a_log_without_walls(log, tmp_path):
+    blind = [one._replace(ranges=0 * one.ranges) for one in log.turns]
+    found = write_maps(tmp_path, plans_of(map_swarm([replace(log, turns=blind)])), [])
+    assert found["maps"][0]["walls"] == found["maps"][0]["occupied_cells"] == 0
+    assert (tmp_path / "map.png").exists()
+
+
 def carmen_of(log):
     """The log of a robot as lines of CARMEN, ahead half only; times of the middle of a turn."""
     lines = ["# CARMEN Logfile"]

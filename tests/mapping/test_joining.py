@@ -108,6 +108,16 @@ def test_robots_that_never_met_are_joined_by_their_maps_where_these_are_clear():
     assert "never met long enough; their maps agree in" in joined.messages[0]
 
 
+def test_halves_of_a_symmetric_ring_stay_apart():
+    # Each robot saw one half; the wrong frame, half a turn away, is the only one in which much fits.
+    outer, inner = worlds.room([[-3, -2], [3, -2], [3, 2], [-3, 2]]), worlds.room([[-2, -1], [2, -1], [2, 1], [-2, 1]])
+    walls = np.concatenate([outer, inner])
+    tracks = tracks_in(walls, [(-2.5, 0.0), (2.5, 0.0)], size=(0.2, 1.0))
+    joined = join([blind(track) for track in tracks], clock_search=0.0)
+    assert len(joined.components) == 2
+    assert any("open" in link.refusal for link in joined.links)
+
+
 def with_start(track, error=(0.0, 0.0, 0.0)):
     log = track.log
     start = interpolate(log.truth_times, log.truth, track.times[:1])[0] + np.array(error)

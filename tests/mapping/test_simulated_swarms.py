@@ -64,7 +64,7 @@ def test_no_window_is_joined_wrongly(arena):
         row = window_of([cut(logs[a], start, 20.0), second])
         joined += row["joined"]
         assert not row["joined"] or row["right"], row
-    assert joined >= 5
+    assert joined >= 2
 
 
 @pytest.mark.parametrize("offset", [-1.37, 0.42, 2.0])

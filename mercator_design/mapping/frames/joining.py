@@ -13,12 +13,15 @@ from mercator_design.mapping.frames.fragment import Fragment, fragments
 from mercator_design.mapping.frames.links import FrameLink, link_by_sightings
 from mercator_design.mapping.frames.map_matching import match_maps
 from mercator_design.mapping.frames.persistence import furniture
-from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, walls_of
+from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, open_share, walls_of
 from mercator_design.mapping.poses import between, compose, inverse
 from mercator_design.mapping.track import Track
 
 MAX_CONFLICT = 0.15
 """Share of one map's walls that may lie where the beams of the other one's robot went through."""
+
+MAX_OPEN = 0.09
+"""Share of the border of a map behind which nobody looked. Of halves of a ring, the wrong answer is the only one."""
 
 _MAX_MAPS = 12
 """Separate maps that are compared with each other, the largest first."""
@@ -142,6 +145,11 @@ def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component
     link = FrameLink(first.members[0], second.members[0], match.frame, "maps", match.score, second=match.second)
     if match.refusal:
         return link.refused(match.refusal)
+    unseen = max(open_share(field), open_share(of_second))
+    if unseen > MAX_OPEN:
+        return link.refused(
+            f"{unseen:.0%} of the border of one map is open: two halves of a symmetric arena would fit as well"
+        )
     share = max(conflict(walls[1], field, match.frame), conflict(walls[0], of_second, inverse(match.frame)))
     if share > MAX_CONFLICT:
         return link.refused(f"{share:.0%} of the walls of one map stand where beams went through in the other one")

@@ -805,7 +805,7 @@ class TestRecord:
             (
                 ["-o", "trace.csv", "--devices", "lidar", "--set", "duration=86400"],
                 1,
-                "poses, states, lidar: a recording of 15129 MiB, expected at most 2048 MiB; record fewer devices",
+                "poses, states, lidar: a recording of 15346 MiB, expected at most 2048 MiB; record fewer devices",
             ),
         ],
     )

@@ -43,6 +43,7 @@ from mercator_design.missions.placement import (
     candidates,
 )
 from mercator_design.missions.trace import Trace, every_nth
+from mercator_design.missions.walls import walls_above
 from mercator_design.sim.simulate import Simulator
 from tests.fsm.strategies import OF_NAME, WORD
 
@@ -63,6 +64,7 @@ def instance(mission, seed=1, robots=None):
         zone_rows=mission.floor.zone_rows(),
         control_period=mission.control_period,
         measure=lambda _, every=1: poses[1:][every_nth(mission.cycles, every), :, np.newaxis, :2] + 0.5,  # a beam each
+        walls=walls_above(mission.arena, 0.154),
     )
 
 

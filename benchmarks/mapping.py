@@ -76,7 +76,7 @@ def robot_minutes(logs: list[RobotLog]) -> float:
 
 
 def megabytes(logs: list[RobotLog]) -> float:
-    """What the turns take; arrays that several turns share count once."""
+    """Megabytes of the turns; arrays that several turns share count once."""
     columns = {id(column): column.nbytes for log in logs for turn in log.turns for column in turn}
     return sum(columns.values()) / 1e6
 

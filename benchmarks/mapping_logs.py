@@ -26,7 +26,7 @@ _WALK, _TURN_WALK = math.radians(1.0), math.radians(0.3)  # [rad/sqrt(m)], [rad/
 _MAX_RANGE = 30.0  # [m] of a return of these logs
 _SAMPLED = 0.05  # [s] between samples of odometry
 _PARTS = ((0.0, 0.45), (0.28, 0.73), (0.55, 1.0))
-"""Of a real log, as those of three robots."""
+"""Overlapping parts of a real log, as those of three robots."""
 
 
 def mission_of(arena: str, duration: float) -> Mission:

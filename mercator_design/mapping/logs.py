@@ -1,4 +1,4 @@
-"""What the mapper reads of a robot: turns of its lidar, odometry, and the true poses where they are known."""
+"""The mapper's input from a robot: turns of its lidar, odometry, and the true poses where they are known."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple

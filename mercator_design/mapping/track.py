@@ -1,4 +1,4 @@
-"""What the front end makes of a robot's log: poses of all turns, and keyframes with their points."""
+"""The result of the front end for a robot's log: poses of all turns, and keyframes with their points."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias

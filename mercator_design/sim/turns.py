@@ -1,4 +1,4 @@
-"""What a robot's lidar and odometry measure in their own time: turns, each beam at its time, and poses between cycles.
+"""Measurements of lidar and odometry at their own times: turns, each beam at its time, and poses between cycles.
 
 Control software senses once in a cycle (devices.py). The lidar of a robot turns on without regard to cycles or to the
 other robots, and its beams leave one after the other; so a robot that turns sees a skewed room.

@@ -39,7 +39,7 @@ class Evidence(NamedTuple):
 
 
 def evidence(a: Fragment, b: Fragment, frame: Floats, offset: float, most: int = 400) -> Evidence:
-    """What both lidars say to a frame of B in A, with B's clock ahead by an offset.
+    """Hits and misses of both lidars for a frame of B in A, with B's clock ahead by an offset.
 
     At most so many turns of each robot are looked at, evenly spread over those with the other one in reach.
     """

@@ -157,7 +157,7 @@ def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component
 
 
 def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
-    """What was joined by less than sightings, which clocks differ, and why maps are separate."""
+    """Sentences on links without sightings, clocks that differ, and reasons for separate maps."""
     said = []
     for link in merge.links:
         names = f"{parts[link.a].name} and {parts[link.b].name}"

@@ -18,7 +18,7 @@ from mercator_design.mapping.frames.voting import FrameFit, candidates, is_disti
 MIN_VOTES = 30
 MIN_SHARE = 0.85
 MAX_SECOND = 0.5
-"""Of the second distinct frame's votes, times its share of hits, to those of the first."""
+"""Ratio of the second distinct frame's votes, times its share of hits, to those of the first."""
 MIN_SPREAD = 0.5
 """[m] Of the sightings that agree: a robot that stands leaves the rotation open."""
 MIN_DISTINCT = 15
@@ -35,7 +35,7 @@ _REFINED = 8
 _REFINED_OF_OFFSET = 2
 """The same for each offset that is tried."""
 _WEAK = 0.2
-"""Of the most votes, below which a frame is no rival."""
+"""Share of the most votes, below which a frame is no rival."""
 _EXAMINED = 6
 """Refined frames whose contradictions are counted."""
 

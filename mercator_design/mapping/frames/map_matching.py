@@ -15,7 +15,7 @@ from mercator_design.mapping.frames.walls import CELL, Field, Walls
 from mercator_design.mapping.poses import compose, rotate, wrap
 
 MAX_SECOND = 0.80
-"""Of the second distinct peak's score to that of the first: wrong ones had 0.87 to 1.00."""
+"""Ratio of the second distinct peak's score to that of the first: wrong ones had 0.87 to 1.00."""
 MIN_SCORE = 0.5
 """Mean value of the field at the walls."""
 MIN_PIECES = 60

@@ -12,7 +12,7 @@ from mercator_design.mapping.frames.fragment import Fragment
 _CELL = 0.05
 """[m]"""
 _MAX_SHARE = 0.20
-"""Of the turns that look at a place, in which a cluster is there; with more it is furniture."""
+"""Share of the turns that look at a place and have a cluster there; with more it is furniture."""
 _MIN_LOOKS = 30
 """Turns that must have looked at a place before it can be furniture."""
 _MAX_TURNS = 1000

@@ -28,7 +28,7 @@ _MAX_CELLS = 4_000_000
 
 
 class Pairs(NamedTuple):
-    """What votes for a frame of B in A: it should move each source onto its target."""
+    """Pairs of points that vote for a frame of B in A, which should move each source onto its target."""
 
     sources: Floats  # (n, 2) in B's frame: B's places at A's sightings, then B's sightings
     targets: Floats  # (n, 2) in A's frame: A's sightings, then A's places at B's sightings

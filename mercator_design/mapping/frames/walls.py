@@ -19,7 +19,7 @@ FREE = -0.25
 _SD = 0.05
 """[m] Of the field beside walls."""
 _SECTORS = 8
-"""Of the directions of normals: the faces of a thin wall are apart."""
+"""Number of directions of normals: the faces of a thin wall are apart."""
 _MAX_VIEWS = 400
 """Keyframes whose beams are followed, evenly spread."""
 _BEFORE_WALL = 0.10

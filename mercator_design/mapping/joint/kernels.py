@@ -17,7 +17,7 @@ from mercator_design.mapping.poses import relative
 from mercator_design.mapping.track import Points
 
 N_BINS = 360
-"""Of the bearings of a keyframe's points."""
+"""Number of bins of the bearings of a keyframe's points."""
 _MAX_BINS = 10
 """Bins to each side in which a nearest point is searched."""
 _AGREEMENT = 0.8

@@ -25,7 +25,7 @@ from mercator_design.mapping.track import Points
 
 ROUNDS = 6
 STEPS = 2
-"""Of Gauss and Newton in a round."""
+"""Steps of Gauss and Newton in a round."""
 GATES, SCALES = (0.25, 0.05), (0.10, 0.015)
 """[m] In the first and the last round: between points that match, and of residuals in the weight."""
 NEIGHBOURS, SPARSE_NEIGHBOURS = 6, 12
@@ -38,7 +38,7 @@ SIGHTING_SD = 0.015
 _SPARSE = 0.3
 """[m] Between keyframes of a log that is sparse."""
 _MAX_POINTS = 120
-"""Of a keyframe that are compared with another one."""
+"""Points of a keyframe that are compared with another one."""
 _MIN_SHARE = 0.25
 _SCALE_LIMITS = 0.7, 1.4
 

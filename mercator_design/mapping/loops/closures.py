@@ -28,7 +28,7 @@ _FLOOR = np.diag([0.03, 0.03, np.radians(0.7)]) ** 2  # covariance of the best m
 
 
 class Round(NamedTuple):
-    """What a loop closure needs in a round."""
+    """Conditions of a loop closure in a round."""
 
     window: Window
     mean: float  # of the field, 0 to 1

@@ -43,7 +43,7 @@ class Way:
         return np.isin(self.turns, self.track.keyframes.turns[self.keyframes])
 
     def preparation(self) -> Preparation:
-        """What prepares its turns."""
+        """Preparation of its turns, with its lag and scale."""
         return Preparation(self.log, self.track.lag, self.track.scale)
 
     @property

@@ -12,7 +12,7 @@ from mercator_design.errors import MercatorError, excerpt
 from mercator_design.mapping.logs import RobotLog, Turn
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-"""Of files with bags; a bag of ROS 2 is a folder with metadata.yaml and such files."""
+"""Endings of files with bags; a bag of ROS 2 is a folder with metadata.yaml and such files."""
 
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _MAX_BEAMS = 100_000

@@ -1,4 +1,4 @@
-"""What must hold of a log before it is mapped."""
+"""Checks of a log before it is mapped."""
 
 import numpy as np
 

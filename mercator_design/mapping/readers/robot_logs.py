@@ -30,7 +30,7 @@ _NEIGHBOURS = 10  # turns before and behind one whose durations tell its own
 
 
 class _Passage(NamedTuple):
-    """What came of a turn."""
+    """The packets of a turn, as they came."""
 
     travelled: Floats  # (beams,) angle of each beam after the first [turns], rising
     came: Floats  # (packets,) when each packet came [s]
@@ -45,7 +45,7 @@ class _Passage(NamedTuple):
 
 @dataclass
 class _Heard:
-    """What a log has, event by event."""
+    """The contents of a log, collected event by event."""
 
     front: float  # [rad] of the lidar
     passages: list[_Passage] = field(default_factory=list)
@@ -178,4 +178,4 @@ def _odometry(
 
 
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(2**16 // 4 + 1)])
-"""Of angles [rad], by range [mm]."""
+"""Corrections of angles [rad], by range [mm]."""

@@ -1,4 +1,4 @@
-"""What a map is in figures: robots, walls, clocks and, where the truth is known, errors."""
+"""The figures of a map: robots, walls, clocks and, where the truth is known, errors."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -354,6 +354,17 @@ class TestAnyFile:
         found = read_logs([trace, carmen, recording, bag, next(bag.glob("*.db3"))])
         assert len(found) == 3 + 1 + 1 + 2 + 2
 
+    def test_a_log_that_is_given_twice(self, trace):
+        with pytest.raises(MercatorError, match="given twice; expected each log once"):
+            read_logs([trace, trace.parent / "." / trace.name])
+
+    def test_robots_of_one_name_are_told_apart(self, trace, tmp_path):
+        other = tmp_path / f"other{trace.suffix}"
+        other.write_bytes(trace.read_bytes())
+        names = [log.name for log in read_logs([trace, other])]
+        assert len(names) == len(set(names)) == 6
+        assert {"robot 0", "robot 0 (2)"} < set(names)
+
     def test_times_since_1970_are_counted_from_the_first_turn(self, tmp_path, shifted):
         paths = [write_bag(tmp_path / f"{k}.bag", [log], 1) for k, log in enumerate(shifted)]
         found = read_logs(paths)

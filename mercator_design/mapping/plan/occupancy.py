@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
+from mercator_design.errors import MercatorError
 from mercator_design.jit import compiled, jittable
 from mercator_design.mapping import poses
 from mercator_design.mapping.front.scans import CLUSTERED, NOTHING, Scan
@@ -14,6 +15,9 @@ from mercator_design.mapping.plan.ways import Way
 
 RESOLUTION = 0.05
 """The width [m] of a cell, unless another one is asked for."""
+
+MAX_CELLS = 100_000_000
+"""Cells of a grid; so many take 1.6 GB."""
 
 MAX_RATE = 0.2
 """The yaw rate [rad/s] of a turn and of those beside it, below which a keyframe is sharp."""
@@ -112,10 +116,20 @@ def sharp_keyframes(way: Way) -> Flags:
 
 
 def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> OccupancyGrid:
-    """The grid of the sharp keyframes of ways in one frame."""
+    """The grid of the sharp keyframes of ways in one frame.
+
+    Raises:
+        MercatorError: The grid would have more than MAX_CELLS cells.
+    """
     low, high = _bounds(ways)
     corner = np.floor(low / resolution) * resolution - resolution
     columns, rows = (np.ceil((high - corner) / resolution).astype(int) + 2).tolist()
+    if columns * rows > MAX_CELLS:
+        width, height = high - low
+        raise MercatorError(
+            f"a map of {width:.0f} x {height:.0f} m has {columns * rows:.2g} cells of {resolution:g} m, expected at "
+            f"most {MAX_CELLS:.2g}; use a coarser --resolution, or leave out a log whose odometry jumps"
+        )
     hits, crossings = np.zeros((rows, columns), np.int64), np.zeros((rows, columns), np.int64)
     for way in ways:
         preparation, keyframes, found = way.preparation(), way.track.keyframes, way.keyframe_poses

@@ -29,11 +29,26 @@ def read_logs(paths: Sequence[Path], lidar_pose: Floats | None = None) -> list[R
         lidar_pose: (3,) of the lidar on the robot; None: as the log or the robot model has it.
 
     Raises:
-        MercatorError: A file cannot be read, or is no log.
+        MercatorError: A file cannot be read, is no log, or is given twice.
     """
-    logs = [checked(log, str(path)) for path in paths for log in _read(path, lidar_pose)]
+    for k, path in enumerate(paths):
+        if path.exists() and any(other.exists() and path.samefile(other) for other in paths[:k]):
+            raise MercatorError(f"{path}: given twice; expected each log once")
+    logs = _named_apart([checked(log, str(path)) for path in paths for log in _read(path, lidar_pose)])
     begin = min((float(log.turns[0].times[0]) for log in logs), default=0.0)
     return [_since(log, begin) for log in logs] if begin > _SINCE_1970 else logs
+
+
+def _named_apart(logs: Sequence[RobotLog]) -> list[RobotLog]:
+    """The logs with names that differ: the second one of the same name has a number, and so on."""
+    named: dict[str, RobotLog] = {}
+    for log in logs:
+        name, number = log.name, 1
+        while name in named:
+            number += 1
+            name = f"{log.name} ({number})"
+        named[name] = replace(log, name=name)
+    return list(named.values())
 
 
 def _since(log: RobotLog, begin: float) -> RobotLog:

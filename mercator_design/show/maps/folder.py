@@ -16,11 +16,14 @@ from mercator_design.system.files import write_bytes, write_text
 
 SUMMARY = "summary.json"
 
+_SUFFIXES = (".png", ".pgm", ".yaml", ".geojson", ".csv", ".tum")  # of the files of a map
 _ROBOT_MODEL = "mercator"  # whose shape the replay has
 
 
 def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], caption: str = "") -> dict[str, Any]:
     """Write maps: a page, pictures, files for other programs, and a summary, which is returned.
+
+    Files of an earlier map in the folder, which its summary names, are replaced or removed.
 
     Args:
         folder: Made if it is not there.
@@ -32,6 +35,7 @@ def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], cap
         OSError: A file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    before = _written_before(folder)
     pictures = [picture_of(plan, caption) for plan in plans]
     files = [
         file
@@ -41,7 +45,18 @@ def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], cap
     found = figures(plans, messages, [*files, folder / REPORT, folder / SUMMARY])
     write_text(folder / REPORT, page_of(plans, found, pictures, load_robot_model(_ROBOT_MODEL), caption))
     write_text(folder / SUMMARY, json.dumps(found, indent=1) + "\n")
+    for path in before - {*files, folder / REPORT, folder / SUMMARY}:
+        path.unlink(missing_ok=True)
     return found
+
+
+def _written_before(folder: Path) -> set[Path]:
+    """The files of an earlier map in the folder, by its summary."""
+    try:
+        names = json.loads((folder / SUMMARY).read_text())["files"]
+        return {folder / Path(name).name for name in names if Path(name).suffix in _SUFFIXES}
+    except (OSError, ValueError, LookupError, TypeError):
+        return set()
 
 
 def _write(folder: Path, number: int, plan: Plan, picture: bytes) -> list[Path]:

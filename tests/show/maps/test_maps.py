@@ -14,8 +14,10 @@ from click.testing import CliRunner
 from PIL import Image
 
 from mercator_design.cli import cli
+from mercator_design.errors import MercatorError
 from mercator_design.mapping import poses
 from mercator_design.mapping.merit.occupancy import distances_to
+from mercator_design.mapping.plan.occupancy import occupancy_of
 from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.swarm import map_swarm
 from mercator_design.show.maps import formats
@@ -99,6 +101,19 @@ def test_a_folder(plan, tmp_path):
     assert "map 2: 1 robot" in said
     assert "Two maps." in said
     assert "error of turns" in said
+
+
+def test_files_of_an_earlier_map_are_removed_and_no_others(plan, tmp_path):
+    write_maps(tmp_path, [plan, plan], [])
+    (tmp_path / "mine-2.tum").write_text("")
+    write_maps(tmp_path, [plan], [])
+    assert [file.name for file in tmp_path.iterdir() if "-2." in file.name] == ["mine-2.tum"]
+    assert (tmp_path / "robot-1.tum").exists()
+
+
+def test_a_grid_without_end_is_refused(plan):
+    with pytest.raises(MercatorError, match=r"expected at most 1e\+08; use a coarser --resolution"):
+        occupancy_of(plan.ways, 1e-5)
 
 
 def test_walls_appear_when_they_are_first_seen(plan):

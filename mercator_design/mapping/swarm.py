@@ -108,7 +108,7 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
     found = [track.keyframes.poses.copy() for track in tracks]
     without_keyframes: list[tuple[int, int, Floats]] = []
     maps = [np.full(track.n_segments, -1) for track in tracks]
-    offsets = np.zeros(len(tracks))
+    offsets: dict[int, float] = {}  # by number of the track; those of its largest map hold
     scales: dict[str, float] = {}
     for number, component in enumerate(joined.components):
         parts = [joined.parts[k] for k in component.members]
@@ -127,8 +127,8 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
             if len(poses) == 0:
                 without_keyframes.append((own, part.segment, compose(frame, place)))
         for k, offset in zip(component.members, component.offsets, strict=True):
-            offsets[number_of[k]] = offset
-        scales |= result.scales
+            offsets.setdefault(number_of[k], float(offset))
+        scales = result.scales | scales
     changed = [
         replace(track.with_keyframes(poses), scale=scales.get(track.log.name, track.scale))
         for track, poses in zip(tracks, found, strict=True)
@@ -136,7 +136,8 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
     for own, segment, place in without_keyframes:  # a lidar that sees no walls: others saw the robot
         turns = changed[own].segments == segment
         changed[own].poses[turns] = compose(place, changed[own].poses[turns])
-    return SwarmMap(tuple(changed), tuple(maps), offsets, joined.furniture, joined.links, joined.messages)
+    clocks = np.array([offsets.get(own, 0.0) for own in range(len(tracks))])
+    return SwarmMap(tuple(changed), tuple(maps), clocks, joined.furniture, joined.links, joined.messages)
 
 
 def _given_frame(joined: Joined, members: Sequence[int], result: Refined) -> Floats:

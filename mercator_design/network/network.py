@@ -128,7 +128,7 @@ class Network:
 
     @property
     def names(self) -> dict[int, str]:
-        """What nodes are called, by their numbers."""
+        """Names of the nodes, by their numbers."""
         inputs = {number: one.name for number, one in self.inputs.items()}
         outputs = {number: f"{wheel} wheel" for number, wheel in self.outputs.items()}
         return {**inputs, **outputs, **{number: f"hidden node {number}" for number in self.hidden}}

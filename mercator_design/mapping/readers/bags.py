@@ -81,7 +81,8 @@ def _names(path: Path, topics: dict[str, str]) -> dict[str, tuple[str, str]]:
     for topic, kind in sorted(topics.items()):
         namespace = topic.removesuffix("scan")
         if kind == _SCAN and topic.endswith("/scan") and topics.get(f"{namespace}odom") == _ODOMETRY:
-            found[namespace.strip("/") or path.stem] = topic, f"{namespace}odom"
+            name = namespace.strip("/") or path.stem
+            found[f"{name} (/scan)" if name in found else name] = topic, f"{namespace}odom"
     if not found:
         listed = excerpt(", ".join(f"{topic} ({kind})" for topic, kind in sorted(topics.items())) or "no topic")
         raise MercatorError(

@@ -166,7 +166,7 @@ class ShownExperiment:
 
     @cached_property
     def led_colours(self) -> NDArray[np.int8] | None:
-        """What the LEDs show after each cycle (cycles + 1, robots), by number in LED_COLOURS; row 0 is the start.
+        """Colours of the LEDs after each cycle (cycles + 1, robots), by number in LED_COLOURS; row 0 is the start.
 
         -1 of robots whose modules do not set them; None if none of the robots' do.
         """
@@ -247,7 +247,7 @@ def _fired(pfsm: Software, recording: Recording) -> NDArray[np.uint8]:
 
 
 def _activity(software: Software, recording: Recording) -> NDArray[np.uint8] | None:
-    """What the nodes did; see `ShownExperiment`."""
+    """Activity of the nodes; see `ShownExperiment`."""
     states, readings, draws = recording.history.states, recording.recorded("readings"), recording.recorded("draws")
     model, robots = recording.robot_model.reference_model, states.shape[1]
     found = [
@@ -266,7 +266,7 @@ def activity_of(
     *,
     robots: int,
 ) -> NDArray[np.uint8] | None:
-    """What the nodes of a robot's control software did (cycles, nodes), run again from its start.
+    """Activity of the nodes of a robot's control software (cycles, nodes), run again from its start.
 
     Args:
         software: The control software.
@@ -293,7 +293,7 @@ def activity_of(
 
 
 def activities(found: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8] | None:
-    """What the nodes of several robots did, each (cycles, nodes), as `ShownExperiment.activity`."""
+    """Activity of the nodes of several robots, each (cycles, nodes), as `ShownExperiment.activity`."""
     known = [one for one in found if one is not None]
     n = max((one.shape[1] for one in known), default=0)
     if not known:

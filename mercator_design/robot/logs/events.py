@@ -29,7 +29,7 @@ of valid frames, frame starts among these; of the lidar, readings of the last tu
 that it answered in the last seconds, all commands so far, those without an answer, and those that were repeated."""
 _YEARS = range(1970, 2100)
 _MIN_READINGS = first_reading("heading")
-"""Of the senses that every program had that wrote logs of this format."""
+"""Readings of the senses that every program had that wrote logs of this format."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from mercator_design.robot.protocols.ydlidar import Packet, PacketTurns
 
 _PER_SECOND = 10_000
 _MAX_SAMPLES = 200
-"""Of the RVR between two turns, ten seconds of them; the latest ones are kept."""
+"""Samples of the RVR between two turns, ten seconds of them; the latest ones are kept."""
 
 
 class TurnCollector:
@@ -68,7 +68,7 @@ class TurnCollector:
 
 
 def times_and_angles(packets: list[tuple[Packet, float]]) -> tuple[tuple[int, int, int, int], ...]:
-    """What `TurnTaken.packets` has of a turn."""
+    """The packets of a turn, as in `TurnTaken.packets`."""
     end = packets[-1][1]
     return tuple(
         (round(_PER_SECOND * (end - time)), packet.first, packet.last, len(packet.samples)) for packet, time in packets

@@ -1,0 +1,162 @@
+"""What comes out of a study: a row for each run of a design, and of these a row for each design and reality.
+
+The unit of all statistics is the design, whose score is the mean over its runs: runs of one design are not independent
+evidence on the method that made it. Designs are compared within a block: equal in all factors but the one compared, and
+assessed in the same reality.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import pandas as pd
+
+from mercator_design.arrays import Floats
+from mercator_design.errors import RaceError
+from mercator_design.scores import ScoreRange, is_score
+
+Direction = Literal["maximise", "minimise"]
+
+FACTORS = ("mission", "robot_model", "method", "flavour", "budget")
+"""What may differ between designs, besides the repetition; `flavour` may be missing from a table."""
+DESIGN_MODEL = "design"
+"""The reality that is the robot model in which a design was made."""
+_NEEDED = ("method", "mission", "robot_model", "budget", "repetition", "seed", "reality")
+RUN_COLUMNS = (*_NEEDED, "instance", "score")
+DESIGN_COLUMNS = (*_NEEDED, "score", "error", "runs")
+
+
+class Block(NamedTuple):
+    """Designs that may be compared: equal in all factors but one, assessed in the same reality.
+
+    place: The factors that all of them share, by name.
+    scores: Of the designs of each level of the compared factor, by repetition.
+    possible: The range of the scores, and whether higher ones are better.
+    """
+
+    place: Mapping[str, str]
+    scores: Mapping[str, pd.Series]
+    possible: ScoreRange
+
+    @property
+    def name(self) -> str:
+        """The mission, then the other factors that tell blocks of the table apart."""
+        return ", ".join(self.place.values())
+
+    def values(self, level: str) -> Floats:
+        """Scores of a level's designs, higher ones are better: costs with the opposite sign."""
+        found: Floats = self.scores[level].to_numpy(dtype=float)
+        return found if self.possible.maximise else -found
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyTable:
+    """The results of a study.
+
+    name: Of the study.
+    runs: A row for each run, with RUN_COLUMNS and maybe `flavour`; empty if only means of designs are known.
+    directions: By mission.
+    limits: The least and the largest possible score of each mission; None where it is not known.
+    by: The factor whose levels are compared, of FACTORS.
+    designs: A row for each design and reality, with DESIGN_COLUMNS: mean score, its standard error (NaN for one run)
+        and the number of runs. By default it is made of `runs`.
+
+    Raises:
+        RaceError: A column is missing, there is no row, a design has two seeds or a run occurs twice, a score is not
+            valid, or a mission has no direction.
+    """
+
+    name: str
+    runs: pd.DataFrame
+    directions: Mapping[str, Direction]
+    limits: Mapping[str, tuple[float | None, float | None]]
+    by: str = "method"
+    designs: pd.DataFrame = field(default_factory=pd.DataFrame)
+
+    def __post_init__(self) -> None:
+        if self.designs.empty:
+            _check(self.name, self.runs, RUN_COLUMNS, "instance")
+            object.__setattr__(self, "designs", _designs_of(self.runs))
+        _check(self.name, self.designs, DESIGN_COLUMNS)
+        if self.by not in self._factors:
+            expected = ", ".join(self._factors)
+            raise RaceError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
+        if unknown := [mission for mission in self.missions if mission not in self.directions]:
+            raise RaceError(f"study {self.name}: expected the direction of mission {unknown[0]}, found none")
+
+    @property
+    def _factors(self) -> list[str]:
+        return [name for name in FACTORS if name in self.designs]
+
+    @property
+    def levels(self) -> list[str]:
+        """What is compared: the levels of the factor `by`, in the order of their first designs; budgets by size."""
+        found = self.designs[self.by].drop_duplicates()
+        return [str(one) for one in (sorted(found) if self.by == "budget" else found)]
+
+    @property
+    def missions(self) -> list[str]:
+        return self.designs["mission"].drop_duplicates().tolist()
+
+    @property
+    def realities(self) -> list[str]:
+        """Names of the realities; the design model first."""
+        found = self.designs["reality"].drop_duplicates().tolist()
+        return sorted(found, key=lambda name: name != DESIGN_MODEL)
+
+    def possible(self, mission: str) -> ScoreRange:
+        """The range of a mission's scores, and their direction."""
+        low, high = self.limits.get(mission, (None, None))
+        return ScoreRange(
+            -math.inf if low is None else low,
+            math.inf if high is None else high,
+            maximise=self.directions[mission] == "maximise",
+        )
+
+    def blocks(self, reality: str = DESIGN_MODEL) -> list[Block]:
+        """The blocks of a reality, in the order of the missions; levels without designs in a block are left out."""
+        return list(self._blocks(reality))
+
+    def _blocks(self, reality: str) -> Iterator[Block]:
+        rows = self.designs[self.designs["reality"] == reality]
+        shared = [name for name in self._factors if name != self.by]
+        shown = [name for name in shared if name == "mission" or len(rows[name].unique()) > 1]
+        for place, group in rows.groupby(shared, sort=False, observed=True, dropna=False):
+            named = dict(zip(shared, map(str, place), strict=True))
+            by_level = {str(level): part for level, part in group.groupby(self.by, sort=False, observed=True)}
+            yield Block(
+                place={name: f"budget {named[name]}" if name == "budget" else named[name] for name in shown},
+                scores={
+                    level: by_level[level].set_index("repetition")["score"].sort_index()
+                    for level in self.levels
+                    if level in by_level
+                },
+                possible=self.possible(str(group["mission"].iloc[0])),
+            )
+
+
+def _designs_of(runs: pd.DataFrame) -> pd.DataFrame:
+    """Means over the runs of each design in each reality, in the order of the runs."""
+    key = [name for name in (*_NEEDED, "flavour") if name in runs]
+    found = runs.groupby(key, sort=False, dropna=False, observed=True)["score"].agg(
+        score="mean", error="sem", runs="size"
+    )
+    return found.reset_index()
+
+
+def _check(name: str, rows: pd.DataFrame, columns: tuple[str, ...], *within: str) -> None:
+    """Check the rows of a table; `within` are the columns that tell rows of one design and reality apart."""
+    where = f"study {name}"
+    if missing := [column for column in columns if column not in rows]:
+        raise RaceError(f"{where}: expected the column {missing[0]}, found {', '.join(map(str, rows.columns))}")
+    if rows.empty:
+        raise RaceError(f"{where}: expected results, found none")
+    if not rows["score"].map(lambda score: is_score(float(score))).all():
+        raise RaceError(
+            f"{where}: expected a score in each row, found {rows['score'][~rows['score'].map(is_score)].iloc[0]}"
+        )
+    key = [column for column in (*FACTORS, "repetition", "reality", *within) if column in rows]
+    if (twice := rows.duplicated(key)).any():
+        found = ", ".join(f"{column} {rows.loc[twice, column].iloc[0]}" for column in key)
+        raise RaceError(f"{where}: expected one row for each of {', '.join(key)}, found two of {found}")

@@ -7,7 +7,8 @@ import threading
 import click
 import pytest
 
-from mercator_design.cli.races.race import _executor, race
+from mercator_design.cli.races.executors import executor_of
+from mercator_design.cli.races.race import race
 from mercator_design.errors import RaceError
 from mercator_design.race.executors import dask
 from mercator_design.race.executors.dask import DaskExecutor
@@ -119,7 +120,7 @@ def test_dask_logs_nothing(monkeypatch):
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster,
         click.Context(race),
-        _executor("dask", None, cluster.scheduler_address, None),
+        executor_of("dask", None, cluster.scheduler_address, None),
     ):
         assert not any(logger.isEnabledFor(logging.ERROR) for logger in loggers)
 

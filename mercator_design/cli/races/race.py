@@ -1,6 +1,5 @@
 """mdesign race: designs a controller for a mission."""
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -8,7 +7,7 @@ from typing import Any, Unpack
 import click
 
 from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import PLUGIN, PROGRESS, SEED, SET, design_flavour, jobs_of
+from mercator_design.cli.options import PLUGIN, PROGRESS, SEED, SET, design_flavour
 from mercator_design.cli.races.common import (
     JSON_LINES,
     NOTICE,
@@ -23,14 +22,12 @@ from mercator_design.cli.races.common import (
     reopen,
     run,
 )
+from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.races.reporting import NO_COMPARISON, NO_REPORT
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import NumberRange, print_note
+from mercator_design.command import print_note
 from mercator_design.designer import Designer
 from mercator_design.missions.mission import load_mission
-from mercator_design.race.executors.executor import Executor
-from mercator_design.race.executors.processes import ProcessExecutor
-from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.results.analysis.comparison import TEST_RUNS
@@ -38,9 +35,6 @@ from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
 _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
-_DASK_LOGGERS = ("distributed", "distributed.client", "tornado.application")
-"""They log tracebacks when a scheduler ends, which the race itself reports."""
-_JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' threads")
 
 
 @click.command()
@@ -52,29 +46,11 @@ _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' thread
     "tpe and cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
-@_JOBS
 @OUTPUT
 @RESUME
 @design_flavour
 @method_option(DEFAULT_METHOD)
-@click.option(
-    "--executor",
-    "executor_name",
-    type=click.Choice(["threads", "processes", "dask"]),
-    default="threads",
-    show_default=True,
-    help="Executor of the experiments; results do not depend on it.",
-)
-@click.option(
-    "--scheduler", metavar="ADDRESS", help="Dask scheduler: an address such as tcp://host:8786, or a scheduler file."
-)
-@click.option(
-    "--timeout",
-    type=NumberRange(0, min_open=True),
-    metavar="SECONDS",
-    help="Time limit of an experiment (with --executor processes): its worker is killed and it runs once more; then it "
-    "fails.",
-)
+@EXECUTOR
 @ON_FAILURE
 @click.option(
     "--test-runs",
@@ -120,7 +96,7 @@ def race(
     larger --budget.
     """
     check_usage(resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
-    executor = _executor(executor_name, jobs, scheduler, timeout)
+    executor = executor_of(executor_name, jobs, scheduler, timeout)
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
         folder = reopen(resume, "mission")
@@ -154,29 +130,3 @@ def _testing(before: Testing | None, given: dict[str, Any]) -> Testing | None:
     if given["runs"] == 0 or (before is None and not changes):
         return None
     return Testing(**changes) if before is None else replace(before, **changes)
-
-
-def _executor(name: str, jobs: int | None, scheduler: str | None, timeout: float | None) -> Executor:
-    if (scheduler is not None) != (name == "dask"):
-        raise click.UsageError(
-            "--executor dask and --scheduler go together; for a scheduler of your own: "
-            "dask scheduler --scheduler-file s.json, then --scheduler s.json"
-        )
-    if timeout is not None and name != "processes":
-        raise click.UsageError("--timeout needs --executor processes: only a process can be killed")
-    context = click.get_current_context()
-
-    def announce(what: str) -> None:
-        with context.scope(cleanup=False):  # in another thread there is none
-            print_note(f"Note: {what}")
-
-    if scheduler is not None:
-        from mercator_design.race.executors.dask import DaskExecutor
-
-        executor = DaskExecutor(scheduler, jobs, announce=announce)
-        for logger in _DASK_LOGGERS:  # not before: Dask sets their levels when it is imported
-            logging.getLogger(logger).setLevel(logging.CRITICAL)
-        return executor
-    if name == "processes":
-        return ProcessExecutor(jobs, timeout=timeout)
-    return ThreadExecutor(jobs)

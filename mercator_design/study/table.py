@@ -20,6 +20,8 @@ Direction = Literal["maximise", "minimise"]
 
 FACTORS = ("mission", "robot_model", "method", "flavour", "budget")
 """What may differ between designs, besides the repetition; `flavour` may be missing from a table."""
+COMPARED = FACTORS[1:]
+"""The factors whose levels may be compared."""
 DESIGN_MODEL = "design"
 """The reality that is the robot model in which a design was made."""
 _NEEDED = ("method", "mission", "robot_model", "budget", "repetition", "seed", "reality")
@@ -30,24 +32,31 @@ DESIGN_COLUMNS = (*_NEEDED, "score", "error", "runs")
 class Block(NamedTuple):
     """Designs that may be compared: equal in all factors but one, assessed in the same reality.
 
-    place: The factors that all of them share, by name.
-    scores: Of the designs of each level of the compared factor, by repetition.
+    mission: The mission.
+    setting: The other factors that tell blocks of the table apart; the same for several missions, and often empty.
+    scores: Of the designs of each level of the compared factor, by repetition and seed.
     possible: The range of the scores, and whether higher ones are better.
     """
 
-    place: Mapping[str, str]
+    mission: str
+    setting: str
     scores: Mapping[str, pd.Series]
     possible: ScoreRange
 
     @property
     def name(self) -> str:
-        """The mission, then the other factors that tell blocks of the table apart."""
-        return ", ".join(self.place.values())
+        """The mission with the setting."""
+        return ", ".join(filter(None, (self.mission, self.setting)))
+
+    @property
+    def sign(self) -> float:
+        """By which scores become values of which higher ones are better."""
+        return 1.0 if self.possible.maximise else -1.0
 
     def values(self, level: str) -> Floats:
         """Scores of a level's designs, higher ones are better: costs with the opposite sign."""
-        found: Floats = self.scores[level].to_numpy(dtype=float)
-        return found if self.possible.maximise else -found
+        found: Floats = self.sign * self.scores[level].to_numpy(dtype=float)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +67,7 @@ class StudyTable:
     runs: A row for each run, with RUN_COLUMNS and maybe `flavour`; empty if only means of designs are known.
     directions: By mission.
     limits: The least and the largest possible score of each mission; None where it is not known.
-    by: The factor whose levels are compared, of FACTORS.
+    by: The factor whose levels are compared, of COMPARED.
     designs: A row for each design and reality, with DESIGN_COLUMNS: mean score, its standard error (NaN for one run)
         and the number of runs. By default it is made of `runs`.
 
@@ -79,8 +88,8 @@ class StudyTable:
             _check(self.name, self.runs, RUN_COLUMNS, "instance")
             object.__setattr__(self, "designs", _designs_of(self.runs))
         _check(self.name, self.designs, DESIGN_COLUMNS)
-        if self.by not in self._factors:
-            expected = ", ".join(self._factors)
+        if self.by not in self._factors[1:]:
+            expected = ", ".join(self._factors[1:])
             raise RaceError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
         if unknown := [mission for mission in self.missions if mission not in self.directions]:
             raise RaceError(f"study {self.name}: expected the direction of mission {unknown[0]}, found none")
@@ -121,19 +130,30 @@ class StudyTable:
     def _blocks(self, reality: str) -> Iterator[Block]:
         rows = self.designs[self.designs["reality"] == reality]
         shared = [name for name in self._factors if name != self.by]
-        shown = [name for name in shared if name == "mission" or len(rows[name].unique()) > 1]
+        if "budget" in shared:
+            rows = _with_each_budget(rows)
+        shown = [name for name in shared if name != "mission" and len(rows[name].unique()) > 1]
         for place, group in rows.groupby(shared, sort=False, observed=True, dropna=False):
             named = dict(zip(shared, map(str, place), strict=True))
             by_level = {str(level): part for level, part in group.groupby(self.by, sort=False, observed=True)}
             yield Block(
-                place={name: f"budget {named[name]}" if name == "budget" else named[name] for name in shown},
+                mission=named["mission"],
+                setting=", ".join(f"{'budget ' * (name == 'budget')}{named[name]}" for name in shown),
                 scores={
-                    level: by_level[level].set_index("repetition")["score"].sort_index()
+                    level: by_level[level].set_index(["repetition", "seed"])["score"].sort_index()
                     for level in self.levels
                     if level in by_level
                 },
                 possible=self.possible(str(group["mission"].iloc[0])),
             )
+
+
+def _with_each_budget(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows of designs, with those that no race has made (budget 0) beside those of each budget of their mission."""
+    made = rows["budget"] != 0
+    places = rows.loc[made, ["mission", "robot_model", "budget"]].drop_duplicates()
+    spread = rows[~made].drop(columns="budget").merge(places, on=["mission", "robot_model"], how="left")
+    return pd.concat([rows[made], spread.fillna({"budget": 0}).astype({"budget": rows["budget"].dtype})])
 
 
 def _designs_of(runs: pd.DataFrame) -> pd.DataFrame:

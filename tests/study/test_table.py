@@ -48,6 +48,15 @@ def test_other_factors_are_compared_within_equal_methods():
     assert [*table.blocks()[0].scores] == ["50", "500"]
 
 
+def test_designs_that_no_race_made_are_compared_at_each_budget():
+    rows = run_rows(SCORES) + run_rows(SCORES, budget=50)
+    by_hand = run_rows({("m", "hand"): [[7], [8]]}, budget=0)
+    blocks = {block.name: [*block.scores] for block in study_table(rows + by_hand).blocks()}
+    assert blocks["m, budget 50"] == blocks["m, budget 500"] == ["a", "b", "hand"]
+    assert blocks["n, budget 50"] == ["a", "b"]
+    assert [[*block.scores] for block in study_table(by_hand).blocks()] == [["hand"]]
+
+
 def test_realities_begin_with_the_design_model_and_have_blocks_of_their_own():
     rows = run_rows({("m", "a"): [[9]]}, reality="other") + run_rows({("m", "a"): [[1]]})
     table = study_table(rows)
@@ -78,7 +87,7 @@ def test_wrong_tables_are_refused(change, words):
 
 
 def test_a_factor_that_is_no_column_and_a_mission_without_direction_are_refused():
-    with pytest.raises(RaceError, match="one of mission, robot_model, method, budget, found flavour"):
+    with pytest.raises(RaceError, match="one of robot_model, method, budget, found flavour"):
         study_table(run_rows(SCORES), by="flavour")
     with pytest.raises(RaceError, match="direction of mission m"):
         StudyTable(name="x", runs=pd.DataFrame(run_rows(SCORES)), directions={}, limits={})

@@ -35,11 +35,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.mapping_logs import CARMEN, carmen_robots, cut, explored, shifted
-from benchmarks.mapping_truth import aligned, frame_error, occupancy, pose_errors, relations
+from benchmarks.mapping_truth import aligned, frame_error, occupancy, pose_errors, relation_errors
 from mercator_design import seeds
 from mercator_design.mapping.frames.joining import join
 from mercator_design.mapping.front.lag import track_of
 from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.merit.merits import error_of, merit_of, relations
 from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.swarm import SwarmMap, map_swarm
 
@@ -97,17 +98,20 @@ def arena_row(arena: str, seed: int, duration: float) -> dict[str, Any]:
     found = map_swarm(logs, report=note)
     plan = plans_of(found, report=note)[0]
     cpu, memory = time.process_time() - begin, peak.megabytes()
+    merit = merit_of(plan)
+    if merit is None:
+        raise ValueError(f"{arena}: expected the truth")
     return {
         "robots": len(logs),
         "maps": found.n_maps,
-        "keyframes": pose_errors(plan.ways, only_keyframes=True),
-        "turns": pose_errors(plan.ways, only_keyframes=False),
+        "keyframes": pose_errors(merit.keyframes),
+        "turns": pose_errors(merit.turns),
         "n_keyframes": sum(len(track.keyframes.turns) for track in found.tracks),
         "scales": [round(track.scale, 5) for track in found.tracks],
         "clocks": [round(float(offset), 5) for offset in found.offsets],
         "lags": [round(track.lag, 5) for track in found.tracks],
         "links": links_of(found),
-        "occupancy": {f"{cell:g}": occupancy(plan.ways, arena, cell) for cell in (0.025, 0.05)},
+        "occupancy": occupancy(merit),
         "cpu": round(cpu, 2),
         "stages": {stage: round(seconds, 2) for stage, seconds in stages.items()},
         "cpu_minute": round(cpu / robot_minutes(logs), 3),
@@ -188,8 +192,8 @@ def real_row(log: str, seed: int, robots: int) -> dict[str, Any]:
     return {
         "robots": robots,
         "maps": found.n_maps,
-        "relations": relations(ways, seed),
-        "turns": pose_errors(ways, only_keyframes=False),
+        "relations": relation_errors(relations(ways, seed)),
+        "turns": pose_errors(error_of(ways)),
         "scales": [round(track.scale, 5) for track in found.tracks],
         "cpu": round(time.process_time() - begin, 1),
         "messages": list(found.messages),

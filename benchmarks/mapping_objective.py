@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 from benchmarks.designs import random_software
 from benchmarks.mapping_truth import occupancy, pose_errors
 from mercator_design import api
+from mercator_design.mapping.merit.merits import merit_of
 from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.readers.simulation import logs_of
 from mercator_design.mapping.swarm import map_swarm
@@ -64,10 +65,14 @@ def row_of(arena: str, robots: int, duration: float, one: Software, seed: int) -
     mission = mission_of(arena, robots, duration)
     outcome = Simulator(mission).run(one, seed)
     trace = outcome.trace
-    logs = [replace(log, start=log.truth[0]) for log in logs_of(outcome.recording) if log.truth is not None]
+    logs = [
+        replace(log, start=log.truth[0]) for log in logs_of(outcome.recording, trace.walls) if log.truth is not None
+    ]
     begin = time.process_time()
     found = map_swarm(logs, clock_search=0.0)
-    ways = plans_of(found)[0].ways
+    merit = merit_of(plans_of(found)[0])
+    if merit is None:
+        raise ValueError(f"{arena}: expected the truth")
     turned = np.abs(np.diff(trace.poses[..., 2], axis=0)).mean() / trace.control_period
     begin_objective = time.process_time()
     score = mission.objective(trace)
@@ -76,8 +81,8 @@ def row_of(arena: str, robots: int, duration: float, one: Software, seed: int) -
         "objective_ms": round(1e3 * (time.process_time() - begin_objective), 2),
         "turning": round(float(turned), 4),
         "maps": found.n_maps,
-        **occupancy(ways, arena, CELL),
-        "error": pose_errors(ways, only_keyframes=False)["rmse"],
+        **occupancy(merit)[f"{CELL:g}"],
+        "error": pose_errors(merit.turns)["rmse"],
         "cpu": round(begin_objective - begin, 1),
     }
 

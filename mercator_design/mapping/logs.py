@@ -37,6 +37,7 @@ class RobotLog:
     start: Floats | None = None  # (3,) of the robot in the common frame at the log's first time; None: unknown
     truth_times: Floats | None = None  # (k,) [s], rising
     truth: Floats | None = None  # (k, 3) of the robot; the headings are unwrapped
+    walls: Floats | None = None  # (w, 4) true walls that the lidar can see: x, y [m] of both ends
 
     @property
     def duration(self) -> float:

@@ -48,6 +48,15 @@ def walls_above(arena: Arena, height: float) -> WallTable:
     return WallTable(np.hstack([starts, along]), first, pieces, is_open)
 
 
+def open_pieces(walls: WallTable) -> Floats:
+    """The pieces (n, 4) of walls with free floor before them: x, y [m] of both ends."""
+    side = np.repeat(np.arange(len(walls.pieces)), walls.pieces)[walls.is_open]
+    number = np.flatnonzero(walls.is_open) - walls.first[side]
+    starts, along = walls.sides[side, :2], walls.sides[side, 2:]
+    low, high = ((number + k) / walls.pieces[side] for k in (0, 1))
+    return np.hstack([starts + low[:, np.newaxis] * along, starts + high[:, np.newaxis] * along])
+
+
 @jittable
 def meets_side(to_x: float, to_y: float, along_x: float, along_y: float, ray_x: float, ray_y: float) -> float:
     """Distance [m] along a ray from the origin to a side, from either side; infinity if it passes by.

@@ -76,4 +76,5 @@ def log(walls=ROOM, pose_at=wander, seconds=20.0, seed=1, noise=0.01, lost=0.02,
     turns = [one._replace(times=one.times + late) for one in turns]
     odometry = drifting(pose_at, odometry_times, rng, **drift)
     truth_times = np.arange(-0.2, seconds + 0.4, 0.01)
-    return RobotLog("robot", turns, odometry_times, odometry, truth_times=truth_times, truth=pose_at(truth_times))
+    truth = pose_at(truth_times)
+    return RobotLog("robot", turns, odometry_times, odometry, truth_times=truth_times, truth=truth, walls=walls)

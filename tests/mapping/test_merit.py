@@ -90,12 +90,27 @@ class TestRelativeError:
 
     def test_near_pairs_are_near_far_in_the_log_and_the_same_for_a_seed(self):
         walk = np.cumsum(np.random.default_rng(1).normal(0.0, 0.3, (300, 3)), axis=0)
-        pairs = trajectories.near_pairs(walk, np.random.default_rng(5), nearer=1.5, apart=30, limit=50)
+        far_apart = lambda i, j: j - i >= 30  # noqa: E731
+        pairs = trajectories.near_pairs(walk, np.random.default_rng(5), far_apart, nearer=1.5, limit=50)
         assert len(pairs) == 50
         assert (pairs[:, 1] - pairs[:, 0] >= 30).all()
         assert (np.linalg.norm(walk[pairs[:, 0], :2] - walk[pairs[:, 1], :2], axis=1) < 1.5).all()
-        again = trajectories.near_pairs(walk, np.random.default_rng(5), nearer=1.5, apart=30, limit=50)
+        again = trajectories.near_pairs(walk, np.random.default_rng(5), far_apart, nearer=1.5, limit=50)
         assert np.array_equal(pairs, again)
+
+    def test_near_pairs_of_a_long_log_are_drawn(self):
+        """Of 200 million pairs; they need no more memory than those of a short one."""
+        line = np.column_stack([np.linspace(0.0, 100.0, 20_000), np.zeros((20_000, 2))])
+        pairs = trajectories.near_pairs(line, np.random.default_rng(5), lambda i, j: j - i >= 30, limit=1000)
+        assert len(pairs) == 1000
+        assert (np.ptp(pairs, axis=1) >= 30).all()
+        assert (np.ptp(pairs, axis=1) <= 400).all()
+
+    def test_pairs_along_a_way(self):
+        """As evo pairs them: a pair begins where the one before it ends."""
+        places = np.column_stack([0.4 * np.arange(12), np.zeros(12)])
+        assert trajectories.pairs_along(places, 1.0).tolist() == [[0, 3], [3, 6], [6, 9]]
+        assert trajectories.pairs_along(places[:3], 1.0).shape == (0, 2)
 
     def test_no_pair_is_refused(self):
         with pytest.raises(ValueError, match="at least one pair"):

@@ -33,7 +33,7 @@ def outcome():
 
 @pytest.fixture(scope="module")
 def logs(outcome):
-    return logs_of(outcome.recording)
+    return logs_of(outcome.recording, outcome.trace.walls)
 
 
 @pytest.fixture
@@ -60,6 +60,10 @@ class TestTraces:
             assert_same(log, expected)
         assert np.array_equal(found[1].truth, outcome.trace.poses[1:, 1])
         assert found[0].start is None
+        walls = outcome.trace.walls
+        assert len(found[0].walls) == np.count_nonzero(walls.is_open) > 50
+        assert np.array_equal(found[0].walls, logs[0].walls)
+        assert np.hypot(*(found[0].walls[:, 2:] - found[0].walls[:, :2]).T).max() <= 0.1 + 1e-9
         mounted = read_trace_logs(trace, np.array([0.1, 0.0, 0.5]))
         assert mounted[0].lidar_pose.tolist() == [0.1, 0.0, 0.5]
 
@@ -80,6 +84,7 @@ class TestTraces:
             ("odometry_time", lambda a: a[::-1], "odometry_time: expected times that rise"),
             ("odometry", lambda a: a.astype(str), "odometry: expected finite numbers in 3 dimensions, found 3 of <U"),
             ("pose", lambda a: a[:0], "expected numbers"),
+            ("wall", lambda a: a[:, :3], r"wall: expected numbers \(walls, 4\), found \(\d+, 3\)"),
         ],
     )
     def test_arrays_that_do_not_fit(self, trace, name, change, words):

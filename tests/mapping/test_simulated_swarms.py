@@ -14,6 +14,7 @@ from mercator_design.mapping.frames.fragment import fragments
 from mercator_design.mapping.frames.map_matching import match_maps
 from mercator_design.mapping.frames.walls import field_of, walls_of
 from mercator_design.mapping.front.lag import track_of
+from mercator_design.mapping.merit.merits import merit_of
 from mercator_design.mapping.plan.plans import plans_of
 from mercator_design.mapping.swarm import map_swarm
 
@@ -35,13 +36,13 @@ def test_the_map_is_right(arena):
         if pair["joined"]:
             assert pair["distance"] < 0.005
             assert pair["degrees"] < 0.15
-    ways = plans_of(found)[0].ways
-    keyframes, turns = (pose_errors(ways, only_keyframes=only) for only in (True, False))
+    merit = merit_of(plans_of(found)[0])
+    keyframes, turns = pose_errors(merit.keyframes), pose_errors(merit.turns)
     assert keyframes["rmse"] < 2.0
     assert keyframes["largest"] < 25.0
     assert turns["rmse"] < 4.0
     assert turns["yaw"] < 0.4
-    assert occupancy(ways, arena, 0.05)["precision"] > 0.98
+    assert occupancy(merit)["0.05"]["precision"] > 0.98
 
 
 def test_in_an_empty_dodecagon_sightings_join_and_maps_do_not():

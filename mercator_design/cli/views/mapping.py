@@ -98,7 +98,7 @@ def map(  # noqa: A001 - the verb's name
         swarm = map_swarm(found, clock_search=clocks, seed=seed, report=report)
         plans = plans_of(swarm, resolution, report)
     with writing(output):
-        summary = write_maps(output, plans, [*messages_of(swarm.tracks), *swarm.messages], command_line())
+        summary = write_maps(output, plans, [*messages_of(swarm.tracks), *swarm.messages], command_line(), seed)
     print_result(json.dumps(summary, indent=1) if as_json else printable_lines(f"{text(summary)}\n{output}"))
 
 

@@ -1,14 +1,17 @@
 """Errors of estimated trajectories against true ones. Metres and radians."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.arrays import Floats, Numbers
+from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.mapping.poses import between, transform, wrap
 from mercator_design.mapping.rigid import fit
+
+_MAX_LISTED = 500_000
+"""Pairs of rows that are looked at for near ones."""
 
 
 class AbsoluteError(NamedTuple):
@@ -32,6 +35,16 @@ class RelativeError(NamedTuple):
     rotation_sd: float
     rotation_median: float
     pairs: int
+
+    @property
+    def translation_rmse(self) -> float:
+        """[m] evo's rmse of its relation trans_part."""
+        return math.hypot(self.translation, self.translation_sd)
+
+    @property
+    def rotation_rmse(self) -> float:
+        """[rad] evo's rmse of its relation angle_rad."""
+        return math.hypot(self.rotation, self.rotation_sd)
 
 
 def swarm_error(estimates: Sequence[Floats], truths: Sequence[Floats]) -> AbsoluteError:
@@ -103,15 +116,47 @@ def pairs_after(times: Floats, seconds: float) -> Numbers:
     return np.column_stack([first, later[first]])
 
 
-def near_pairs(
-    true: Floats, generator: np.random.Generator, *, nearer: float = 2.0, apart: int = 30, limit: int = 4000
-) -> Numbers:
-    """Pairs (m, 2) of rows at least `apart` from each other and nearer than so many metres; at most `limit`, drawn."""
-    from scipy.spatial import KDTree
+def pairs_along(places: Floats, metres: float) -> Numbers:
+    """Pairs (m, 2) of rows of places (n, 2) between which so many metres of way lie, or just more, one after the other.
 
-    pairs: Numbers = np.sort(KDTree(true[:, :2]).query_pairs(nearer, output_type="ndarray").astype(np.int64), axis=1)
-    pairs = pairs[pairs[:, 1] - pairs[:, 0] >= apart]
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    These are evo's for a delta in metres, without `all_pairs`.
+    """
+    ends, way = [0], 0.0
+    for row, step in enumerate(np.hypot(*np.diff(places, axis=0).T).tolist(), 1):
+        way += step
+        if way >= metres:
+            ends.append(row)
+            way = 0.0
+    return np.column_stack([ends[:-1], ends[1:]]).astype(np.int64).reshape(-1, 2)
+
+
+def near_pairs(
+    true: Floats,
+    generator: np.random.Generator,
+    is_wanted: Callable[[Numbers, Numbers], Flags],
+    *,
+    nearer: float = 2.0,
+    limit: int = 4000,
+) -> Numbers:
+    """Pairs (m, 2) of rows that are wanted and nearer than so many metres, at most `limit`; the first is the lower.
+
+    Of few rows, the pairs are drawn of all such pairs; of many, of pairs that are drawn first.
+
+    Args:
+        true: (n, 3) or (n, 2)
+        generator: Draws them.
+        is_wanted: Tells of rows (k,) and later ones (k,) which pairs are wanted.
+        nearer: [m]
+        limit: Of the number of pairs.
+    """
+    n = len(true)
+    if n * (n - 1) // 2 <= _MAX_LISTED:
+        first, second = np.triu_indices(n, 1)
+    else:
+        drawn = generator.integers(n, size=(_MAX_LISTED, 2))
+        first, second = np.unique(np.sort(drawn[drawn[:, 0] != drawn[:, 1]], axis=1), axis=0).T
+    kept = (np.linalg.norm(true[first, :2] - true[second, :2], axis=1) < nearer) & is_wanted(first, second)
+    pairs: Numbers = np.column_stack([first, second])[kept]
     if len(pairs) > limit:
         pairs = pairs[np.sort(generator.permutation(len(pairs))[:limit])]
     return pairs

@@ -4,6 +4,7 @@ import numpy as np
 
 from mercator_design.mapping.logs import RobotLog, Turn
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.walls import WallTable, open_pieces
 from mercator_design.modules.architecture import Software
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.robot_model import RobotModel
@@ -25,11 +26,17 @@ def simulated_logs(
     Raises:
         FsmError, MissionError, SimulationError: as `Simulator.run`, `turns_of` and `odometry_of`.
     """
-    return logs_of(Simulator(mission, robot_model).run(software, seed).recording)
+    outcome = Simulator(mission, robot_model).run(software, seed)
+    return logs_of(outcome.recording, outcome.trace.walls)
 
 
-def logs_of(recording: Recording) -> list[RobotLog]:
-    """The log of each robot of an experiment; errors are those of `turns_of` and `odometry_of`."""
+def logs_of(recording: Recording, walls: WallTable | None = None) -> list[RobotLog]:
+    """The log of each robot of an experiment; errors are those of `turns_of` and `odometry_of`.
+
+    Args:
+        recording: Of the experiment.
+        walls: Those that lidars see; None: not known.
+    """
     turns, odometry = turns_of(recording), odometry_of(recording)
     poses = recording.history.poses
     times = np.array([recording.control_period * k for k in range(len(poses))], dtype=float)
@@ -44,6 +51,7 @@ def logs_of(recording: Recording) -> list[RobotLog]:
             odometry=odometry.poses[:, i],
             truth_times=times,
             truth=poses[:, i],
+            walls=None if walls is None else open_pieces(walls),
         )
         for i in range(poses.shape[1])
     ]

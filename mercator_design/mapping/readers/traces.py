@@ -25,6 +25,7 @@ _DIMENSIONS = {
     "odometry_time": 2,
     "odometry": 3,
 }
+_WALLS = "wall"  # (walls, 4), which traces of earlier versions lack
 
 
 def read_trace_logs(path: Path, lidar_pose: Floats | None = None) -> list[RobotLog]:
@@ -52,6 +53,7 @@ def read_trace_logs(path: Path, lidar_pose: Floats | None = None) -> list[RobotL
             lidar_pose=mounted,
             truth_times=found["time"],
             truth=found["pose"][:, i],
+            walls=found.get("wall"),
         )
         for i in range(found["pose"].shape[1])
     ]
@@ -64,7 +66,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
         if size > _MAX_UNPACKED:
             raise ValueError(f"{size // 2**20} MiB of arrays")  # noqa: TRY301 - said as the other mistakes
         with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in _DIMENSIONS if name in file}
+            return {name: file[name] for name in (*_DIMENSIONS, _WALLS) if name in file}
     except Exception as error:  # noqa: BLE001 - damaged archives raise errors of many kinds
         what = f"{type(error).__name__}: {excerpt(str(error))}"
         raise MercatorError(f"{path}: expected a trace of `mdesign record --turns`, found {what}") from None
@@ -77,7 +79,8 @@ def _checked(path: Path, found: Mapping[str, NDArray[Any]]) -> Mapping[str, NDAr
         raise MercatorError(
             f"{path}: expected the arrays {', '.join(_DIMENSIONS)}; missing: {', '.join(missing)}; {hint}"
         )
-    for name, dimensions in _DIMENSIONS.items():
+    of_walls = {_WALLS: 2} if _WALLS in found else {}
+    for name, dimensions in (_DIMENSIONS | of_walls).items():
         array = found[name]
         if array.ndim != dimensions or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
             what = f"{array.ndim} of {array.dtype}"
@@ -95,6 +98,8 @@ def _checked(path: Path, found: Mapping[str, NDArray[Any]]) -> Mapping[str, NDAr
         "odometry_time": (samples, robots),
         "odometry": (samples, robots, 3),
     }
+    if of_walls and found[_WALLS].shape[1] != 4:
+        raise MercatorError(f"{path}: {_WALLS}: expected numbers (walls, 4), found {found[_WALLS].shape}")
     for name, shape in expected.items():
         if found[name].shape != shape or 0 in shape:
             raise MercatorError(f"{path}: {name}: expected numbers {shape}, none of these 0, found {found[name].shape}")

@@ -20,7 +20,9 @@ _SUFFIXES = (".png", ".pgm", ".yaml", ".geojson", ".csv", ".tum")  # of the file
 _ROBOT_MODEL = "mercator"  # whose shape the replay has
 
 
-def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], caption: str = "") -> dict[str, Any]:
+def write_maps(
+    folder: Path, plans: Sequence[Plan], messages: Sequence[str], caption: str = "", seed: int = 0
+) -> dict[str, Any]:
     """Write maps: a page, pictures, files for other programs, and a summary, which is returned.
 
     Files of an earlier map in the folder, which its summary names, are replaced or removed.
@@ -30,6 +32,7 @@ def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], cap
         plans: The maps, the largest first. The names of the files of others have their number.
         messages: Sentences on the maps.
         caption: Of the pictures: the command that made the maps.
+        seed: Of the places whose relations are compared with the truth.
 
     Raises:
         OSError: A file cannot be written.
@@ -42,7 +45,7 @@ def write_maps(folder: Path, plans: Sequence[Plan], messages: Sequence[str], cap
         for number, (plan, picture) in enumerate(zip(plans, pictures, strict=True))
         for file in _write(folder, number, plan, picture)
     ]
-    found = figures(plans, messages, [*files, folder / REPORT, folder / SUMMARY])
+    found = figures(plans, messages, [*files, folder / REPORT, folder / SUMMARY], seed)
     write_text(folder / REPORT, page_of(plans, found, pictures, load_robot_model(_ROBOT_MODEL), caption))
     write_text(folder / SUMMARY, json.dumps(found, indent=1) + "\n")
     for path in before - {*files, folder / REPORT, folder / SUMMARY}:

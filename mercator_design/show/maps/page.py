@@ -15,10 +15,11 @@ from mercator_design.mapping.plan.plans import Plan
 from mercator_design.missions.floor import Floor
 from mercator_design.missions.trace import Trace
 from mercator_design.results.experiments.experiment import ShownExperiment, check_extent
-from mercator_design.show.charts import STYLE
+from mercator_design.show.charts import STYLE, Axis, ChartLine, line_chart
+from mercator_design.show.maps.summary import RELATIVE
 from mercator_design.show.page import document, script_json, viewer_script, viewer_style
 from mercator_design.show.replay import Replay, replay_of
-from mercator_design.show.report.markup import Html, contents, folded, note, section, table, text
+from mercator_design.show.report.markup import Html, contents, figure, folded, note, section, table, text
 from mercator_design.show.report.page import asset
 from mercator_design.sim.robot_model import RobotModel
 
@@ -79,6 +80,13 @@ def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes) 
             for one in facts["robots"]
         ],
     )
+    image = Html(f'<p><img src="{source}" alt="{name}, from above" style="max-width: 100%"></p>')
+    known = _truth_parts(facts["truth"]) if facts["truth"] else []
+    return section(f"map{number + 1}", name, note(about), image, robots, *known)
+
+
+def _truth_parts(truth: dict[str, Any]) -> list[Html]:
+    """Figures of merit against the truth."""
     errors = table(
         ("poses of", "error [mm, rms]", "median [mm]", "largest [mm]", "heading [degrees, rms]"),
         [
@@ -86,12 +94,40 @@ def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes) 
                 *(what, f"{1e3 * error['rmse']:.1f}", f"{1e3 * error['median']:.1f}", f"{1e3 * error['largest']:.1f}"),
                 f"{math.degrees(error['yaw_rms']):.2f}",
             )
-            for what, error in facts["errors"].items()
+            for what, error in truth["ate"].items()
         ],
     )
-    image = Html(f'<p><img src="{source}" alt="{name}, from above" style="max-width: 100%"></p>')
-    known = [note("Against the true poses, after one alignment of all robots:"), errors] if facts["errors"] else []
-    return section(f"map{number + 1}", name, note(about), image, robots, *known)
+    relative = table(
+        ("relative poses", "error [mm, rms]", "mean [mm]", "median [mm]", "heading [degrees, rms]", "pairs"),
+        [
+            (
+                *(RELATIVE[what], *(f"{1e3 * error[key]:.1f}" for key in ("rmse", "mean", "median"))),
+                *(f"{math.degrees(error['yaw_rmse']):.2f}", error["pairs"]),
+            )
+            for what, error in truth["relative"].items()
+        ],
+    )
+    found = [note("Against the true poses, after one alignment of all robots:"), errors]
+    found += [note("Relative poses need no alignment:"), relative] if truth["relative"] else []
+    if not truth["cells"]:
+        return found
+    cells = table(
+        ("cells [m]", "F1", "precision", "recall"),
+        [(one["cell"], *(f"{one[key]:.3f}" for key in ("f1", "precision", "recall"))) for one in truth["cells"]],
+    )
+    covered = truth["coverage"]
+    curve = line_chart(
+        [ChartLine("walls", covered["times"], [100.0 * share for share in covered["shares"]])],
+        Axis("time", "s"),
+        Axis("walls in the map", "%", low=0.0, high=100.0),
+    )
+    about = f"Walls in the map over time: {100 * covered['share']:.1f} % at the end, within 5 cm."
+    return [
+        *found,
+        note("Occupied cells against the walls that lidars can see, within a cell:"),
+        cells,
+        figure(curve, about),
+    ]
 
 
 def _replay_section(replays: Sequence[Replay], names: Sequence[str]) -> Html:

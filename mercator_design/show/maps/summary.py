@@ -7,30 +7,31 @@ from typing import Any
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats
-from mercator_design.mapping import poses
-from mercator_design.mapping.merit.trajectories import AbsoluteError, swarm_error
+from mercator_design.mapping.merit.merits import MapMerit, merit_of
+from mercator_design.mapping.merit.occupancy import Agreement
+from mercator_design.mapping.merit.trajectories import AbsoluteError, RelativeError
 from mercator_design.mapping.plan.plans import Plan
 from mercator_design.mapping.plan.ways import Way
 
 
-def figures(plans: Sequence[Plan], messages: Sequence[str], files: Sequence[Path]) -> dict[str, Any]:
+def figures(plans: Sequence[Plan], messages: Sequence[str], files: Sequence[Path], seed: int = 0) -> dict[str, Any]:
     """All figures, as JSON can have them.
 
     Args:
         plans: The maps, the largest first.
         messages: Sentences on the maps.
         files: What was written.
+        seed: Of the places whose relations are compared with the truth.
     """
     return {
-        "maps": [_of_plan(plan) for plan in plans],
+        "maps": [_of_plan(plan, seed) for plan in plans],
         "messages": list(messages),
         "files": [str(file) for file in files],
     }
 
 
-def _of_plan(plan: Plan) -> dict[str, Any]:
-    grid = plan.occupancy
-    keyframes, turns = error_of(plan.ways, at_keyframes=True), error_of(plan.ways)
+def _of_plan(plan: Plan, seed: int) -> dict[str, Any]:
+    grid, merit = plan.occupancy, merit_of(plan, seed)
     return {
         "robots": [_of_way(way) for way in plan.ways],
         "resolution": grid.resolution,
@@ -39,7 +40,30 @@ def _of_plan(plan: Plan) -> dict[str, Any]:
         "walls": round(float(lengths(plan.lines).sum()), 3),
         "residual": round(plan.looks.residual, 5),
         "size": [round(float(length), 3) for length in _size(plan.pieces)],
-        "errors": {} if turns is None or keyframes is None else {"keyframes": _rows(keyframes), "turns": _rows(turns)},
+        "truth": None if merit is None else _of_merit(merit),
+    }
+
+
+def _of_merit(merit: MapMerit) -> dict[str, Any]:
+    absolute = {"keyframes": merit.keyframes, "turns": merit.turns}
+    relative = {
+        "turn": merit.by_turn,
+        "metre": merit.by_metre,
+        "near": merit.relations,
+        "between_robots": merit.between_robots,
+    }
+    covered = merit.coverage
+    return {
+        "ate": {name: _absolute(error) for name, error in absolute.items() if error is not None},
+        "relative": {name: _relative(error) for name, error in relative.items() if error is not None},
+        "cells": [_agreement(one) for one in merit.cells],
+        "coverage": None
+        if covered is None
+        else {
+            "share": round(float(covered.shares[-1]), 4),
+            "times": [round(time, 2) for time in covered.moments.tolist()],
+            "shares": [round(share, 4) for share in covered.shares.tolist()],
+        },
     }
 
 
@@ -57,7 +81,7 @@ def _of_way(way: Way) -> dict[str, Any]:
     }
 
 
-def _rows(error: AbsoluteError) -> dict[str, float]:
+def _absolute(error: AbsoluteError) -> dict[str, float]:
     return {
         "rmse": round(error.rmse, 5),
         "median": round(error.median, 5),
@@ -66,17 +90,25 @@ def _rows(error: AbsoluteError) -> dict[str, float]:
     }
 
 
-def error_of(ways: Sequence[Way], *, at_keyframes: bool = False) -> AbsoluteError | None:
-    """The error of all ways after one alignment of all together; None if the truth of any is not known."""
-    estimates, truths = [], []
-    for way in ways:
-        if way.log.truth is None or way.log.truth_times is None:
-            return None
-        keyframes = way.track.keyframes.turns[way.keyframes]
-        found, times = (way.keyframe_poses, way.track.times[keyframes]) if at_keyframes else (way.poses, way.times)
-        estimates.append(found)
-        truths.append(poses.interpolate(way.log.truth_times, way.log.truth, times))
-    return swarm_error(estimates, truths) if sum(map(len, estimates)) > 1 else None
+def _relative(error: RelativeError) -> dict[str, float]:
+    return {
+        "rmse": round(error.translation_rmse, 5),
+        "mean": round(error.translation, 5),
+        "median": round(error.translation_median, 5),
+        "yaw_rmse": round(error.rotation_rmse, 6),
+        "yaw_mean": round(error.rotation, 6),
+        "yaw_median": round(error.rotation_median, 6),
+        "pairs": error.pairs,
+    }
+
+
+def _agreement(found: Agreement) -> dict[str, float]:
+    return {
+        "cell": found.tolerance,
+        "precision": round(found.precision, 4),
+        "recall": round(found.recall, 4),
+        "f1": round(found.f1, 4),
+    }
 
 
 def text(found: dict[str, Any]) -> str:
@@ -97,12 +129,33 @@ def text(found: dict[str, Any]) -> str:
                 f"{100 * one['matched']:.1f} % matched, {one['path']:.1f} m, "
                 f"odometry x {one['odometry_scale']:.3f}{clock}"
             )
-        for what, error in plan["errors"].items():
-            lines.append(
-                f"  error of {what}: {1e3 * error['rmse']:.1f} mm rms, {1e3 * error['largest']:.1f} mm at most, "
-                f"{np.degrees(error['yaw_rms']):.2f} degrees rms"
-            )
+        lines += _truth_lines(plan["truth"]) if plan["truth"] else []
     return "\n".join([*lines, *found["messages"]])
+
+
+RELATIVE = {
+    "turn": "from turn to turn",
+    "metre": "over 1 m",
+    "near": "between near places",
+    "between_robots": "between robots",
+}
+"""The relative errors of a summary, in words."""
+
+
+def _truth_lines(truth: dict[str, Any]) -> list[str]:
+    found = [
+        f"  error of {what}: {1e3 * error['rmse']:.1f} mm rms, {1e3 * error['largest']:.1f} mm at most, "
+        f"{np.degrees(error['yaw_rms']):.2f} degrees rms"
+        for what, error in truth["ate"].items()
+    ]
+    found += [
+        f"  error {RELATIVE[what]}: {1e3 * error['rmse']:.1f} mm rms, {np.degrees(error['yaw_rmse']):.2f} degrees rms"
+        for what, error in truth["relative"].items()
+    ]
+    if truth["cells"]:
+        scores = ", ".join(f"{one['f1']:.3f} (cells of {one['cell']:g} m)" for one in truth["cells"])
+        found.append(f"  F1 of occupied cells: {scores}; {100 * truth['coverage']['share']:.1f} % of the walls")
+    return found
 
 
 def lengths(lines: Floats) -> Floats:

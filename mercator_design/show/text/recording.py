@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.missions.trace import Trace
+from mercator_design.missions.walls import WallTable, open_pieces
 from mercator_design.sim import devices as sim_devices
 from mercator_design.sim.devices import Recording
 from mercator_design.sim.turns import number_of_turns, odometry_of, turns_of
@@ -56,16 +57,16 @@ def write_recording(
         SimulationError: as `Recording.measure` and `turns_of`.
     """
     if suffix == ".npz":
-        arrays = trace.arrays(devices, every) | ({} if turns is None else _turns(turns))
+        arrays = trace.arrays(devices, every) | ({} if turns is None else _turns(turns, trace.walls))
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     else:
         trace.to_frame(devices, every).to_csv(file, index=False)
 
 
-def _turns(recording: Recording) -> dict[str, NDArray[np.generic]]:
-    """The arrays of turns and odometry, by name."""
+def _turns(recording: Recording, walls: WallTable | None) -> dict[str, NDArray[np.generic]]:
+    """The arrays of turns, odometry and true walls, by name."""
     turns, odometry = turns_of(recording), odometry_of(recording)
-    return {
+    found: dict[str, NDArray[np.generic]] = {
         "turn_start": turns.starts,
         "turn_time": turns.times,
         "turn_angle": turns.angles,
@@ -73,3 +74,4 @@ def _turns(recording: Recording) -> dict[str, NDArray[np.generic]]:
         "odometry_time": odometry.times,
         "odometry": odometry.poses,
     }
+    return found if walls is None else found | {"wall": open_pieces(walls)}

@@ -101,6 +101,8 @@ def test_a_folder(plan, tmp_path):
     assert "map 2: 1 robot" in said
     assert "Two maps." in said
     assert "error of turns" in said
+    assert "error over 1 m" in said
+    assert "F1 of occupied cells: 0.9" in said
 
 
 def test_files_of_an_earlier_map_are_removed_and_no_others(plan, tmp_path):
@@ -138,6 +140,30 @@ def test_the_page_needs_nothing_else(plan, tmp_path):
     assert "robot &lt;1&gt;" in page
     assert f"{100 * found['maps'][0]['robots'][0]['matched']:.1f} %" in page
     assert re.search(r'(?:src|href)="(?!data:|#)', page) is None
+
+
+def test_figures_of_merit_where_the_truth_is_known(plan, tmp_path):
+    truth = write_maps(tmp_path, [plan], [])["maps"][0]["truth"]
+    assert truth["ate"]["turns"]["rmse"] < 0.004
+    assert {name: one["pairs"] > 0 for name, one in truth["relative"].items()} == {"turn": True, "metre": True}
+    assert [one["cell"] for one in truth["cells"]] == [0.05, 0.025]
+    assert truth["cells"][0]["f1"] > 0.9
+    shares = truth["coverage"]["shares"]
+    assert (np.diff(shares) >= 0.0).all()
+    assert 0.2 < shares[1] < shares[-1] == truth["coverage"]["share"]
+    assert shares[-1] > 0.7  # the room's far sides of boxes are not seen
+    page = (tmp_path / "report.html").read_text()
+    assert "walls in the map [%]" in page
+    assert "over 1 m" in page
+
+
+def test_without_the_truth_there_are_no_figures_of_merit(plan, tmp_path):
+    (way,) = plan.ways
+    blind = replace(way, track=replace(way.track, log=replace(way.log, truth=None, truth_times=None)))
+    found = write_maps(tmp_path, [replace(plan, ways=(blind,))], [])
+    assert found["maps"][0]["truth"] is None
+    assert "true poses" not in (tmp_path / "report.html").read_text()
+    assert "error" not in text(found)
 
 
 @pytest.mark.parametrize("turns", [0, 1])

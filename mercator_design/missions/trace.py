@@ -65,12 +65,15 @@ class Trace:
     measure: Measure = not_measured
     led_colours: NDArray[np.int8] | None = None  # (cycles, robots) of LED_COLOURS that modules have set; -1: none
     signals: NDArray[np.int8] | None = None  # (cycles, robots) that modules sent; 0: none
+    stops: Numbers | None = None  # (robots,) first cycle in which each does not work; `cycles`: none; None: none can
     walls: WallTable | None = None  # that the robots' lidars see; None: not known
 
     def __post_init__(self) -> None:
         cycles, robots = self.states.shape
         if self.poses.shape != (cycles + 1, robots, 3):
             raise ValueError(f"expected poses ({cycles + 1}, {robots}, 3), found {self.poses.shape}")
+        if self.stops is not None and self.stops.shape != (robots,):
+            raise ValueError(f"expected stops ({robots},), found {self.stops.shape}")
         for name, outputs in self.outputs.items():
             if outputs.shape != (cycles, robots):
                 raise ValueError(f"expected {name} ({cycles}, {robots}), found {outputs.shape}")
@@ -99,6 +102,18 @@ class Trace:
         return int(self.states.shape[1])
 
     @property
+    def failed(self) -> Flags:
+        """Whether each robot has stopped working (cycles, robots)."""
+        stops = np.full(self.robots, self.cycles) if self.stops is None else self.stops
+        return np.asarray(np.arange(self.cycles)[:, np.newaxis] >= stops, dtype=np.bool_)
+
+    @property
+    def failure_times(self) -> Floats:
+        """When each robot stopped working (robots,) [s]; infinite: it did not."""
+        stops = np.full(self.robots, self.cycles) if self.stops is None else self.stops
+        return np.where(stops < self.cycles, self.control_period * (stops + 1.0), np.inf)
+
+    @property
     def positions(self) -> Floats:
         """Positions after each cycle (cycles, robots, 2), without the start."""
         return self.poses[1:, :, :2]
@@ -114,7 +129,8 @@ class Trace:
         return times
 
     def arrays(self, devices: Sequence[str] = (), every: int = 1) -> dict[str, NDArray[np.generic]]:
-        """The trace at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots), `outputs`.
+        """The trace at `times(every)`: time (cycles,), pose (cycles, robots, 3), state (cycles, robots), `outputs`;
+        failed (cycles, robots) 0 or 1, if robots may fail.
 
         Then the values of each named device, as `measure`, with its errors.
         """
@@ -124,13 +140,15 @@ class Trace:
             "pose": self.poses[1:][cycles],
             "state": self.states[cycles],
             **{name: values[cycles] for name, values in self.outputs.items()},
+            **({} if self.stops is None else {"failed": self.failed[cycles].astype(np.int8)}),
         }
         return found | {name: self.measure(name, every) for name in devices}
 
     def to_frame(self, devices: Sequence[str] = (), every: int = 1) -> "pd.DataFrame":
         """The same as a table, with a row for each time and robot.
 
-        Columns: time [s], robot, x [m], y [m], heading [rad], state, led_colour, signal; then DEVICE_0, DEVICE_1, ...
+        Columns: time [s], robot, x [m], y [m], heading [rad], state, led_colour, signal, failed if robots
+        may fail; then DEVICE_0, DEVICE_1, ...
         of each device.
         """
         import pandas as pd

@@ -86,6 +86,7 @@ def replay_of(shown: ShownExperiment) -> Replay:
         "ledColours": [{"name": name, "colour": hex_of(*colour)} for name, colour in LED_COLOURS.items()],
         "machineOf": list(shown.pfsm_of),
         "lidar": _lidar(model),
+        "stops": None if trace.stops is None else trace.stops.tolist(),
     }
     arrays.add("state", trace.states.T)
     set_by_any = frozenset().union(*map(outputs_of, shown.pfsms))

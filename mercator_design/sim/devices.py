@@ -63,8 +63,7 @@ from mercator_design.sim.staging import noise_row
 MAX_SIZE = 2048
 """[MiB] of a recording: a larger one could fill the memory."""
 
-_GRAVITY = 9.81
-"""[m/s2] The paper's value, by which it converts accelerations to g."""
+_GRAVITY = 9.81  # [m/s2] the paper's value, by which it converts accelerations to g
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,9 +175,10 @@ def leds(recording: Recording, lamps: Leds, cycles: Numbers) -> Floats:
 
     The lamps show what modules set, off at first; if none of the control software sets them, the state.
     """
-    numbers, colours = recording.history.states, [(*lamps.colors, (0, 0, 0))[k] for k in recording.part_colours]
+    history, colours = recording.history, [(*lamps.colors, (0, 0, 0))[k] for k in (*recording.part_colours, -1)]
+    numbers = np.where(history.led_colours == 0, -1, history.states)  # where no module sets them, failed robots have 0
     if "led_colour" in recording.sets:
-        numbers, colours = np.maximum(recording.history.led_colours, 0), [*LED_COLOURS.values()]
+        numbers, colours = np.maximum(history.led_colours, 0), [*LED_COLOURS.values()]
     return np.repeat(np.array(colours, dtype=float)[numbers[cycles], np.newaxis], len(lamps.positions), axis=2)
 
 

@@ -26,6 +26,7 @@ from mercator_design.sim.robot_parts import (
     DeviceWithAxes,
     DiscBody,
     Drive,
+    Failures,
     Ground,
     Imu,
     Leds,
@@ -48,6 +49,7 @@ class RobotModel(FromFile):
     """A robot in simulation; it lacks the devices that are null."""
 
     KIND: ClassVar = "robot model"
+    UNWRITTEN: ClassVar = ("failures",)
 
     schema: Literal[1] = 1  # version of this format
     name: str  # by default the file's
@@ -69,6 +71,7 @@ class RobotModel(FromFile):
     leds: Leds | None = None
     reference_model: ReferenceModel = ReferenceModel()
     physics: Physics = Physics()
+    failures: Failures | None = None  # of robots in mid-run; null: all work to the end
     vary: Mapping[str, tuple[Bound, Bound]] | None = None  # bounds of the value of each key, drawn for each instance
 
     def __post_init__(self) -> None:

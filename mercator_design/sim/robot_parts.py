@@ -16,6 +16,7 @@ Extent = Annotated[float, Range(0.01, 10.0)]
 Distance = Annotated[float, Range(0.0, 1000.0)]
 Distances = Annotated[tuple[Distance, Distance], Ascending()]
 Bounds = Annotated[tuple[float, float], Ascending()]
+Part = Annotated[float, Range(0.0, 1.0)]
 Fraction = Annotated[float, Range(0.0, 0.5)]
 Offset = Annotated[float, Range(-10.0, 10.0)]
 Angles = Annotated[tuple[Angle, ...], Length(1, 64)]
@@ -293,6 +294,34 @@ class Leds:
 
     positions: Annotated[tuple[tuple[Offset, Offset], ...], Length(1, 64)]  # [m] forwards, leftwards of the centre
     colors: Annotated[tuple[Levels, ...], Length(4, 4)] = STATE_COLOURS  # red, green, blue in each state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failures:
+    """Robots that stop working for good, each at a time of its own, drawn for each instance.
+
+    Motors and LEDs of such a robot are off and it sends nothing; it stands in the way, and is seen, as any other.
+    """
+
+    share: Part = 0.0  # chance that a robot stops in an experiment, at any time ...
+    between: tuple[Part, Part] = (0.0, 1.0)  # ... between these parts of its duration
+    rate: Annotated[float, Range(0.0, 1000.0)] = 0.0  # [1/s] of robots that stop, of those that work; beside `share`
+
+    def __post_init__(self) -> None:
+        if self.between[0] > self.between[1]:
+            raise FieldError("between", f"expected the smaller first, found {list(self.between)}")
+
+    def times(self, random: np.random.Generator, robots: int, duration: float) -> Floats:
+        """When each robot stops in an experiment of so many seconds (robots,) [s]; infinite: it does not.
+
+        The draws of a robot depend neither on the number of robots nor on what is set here. So a larger share or rate
+        stops the same robots, and others.
+        """
+        chance, part, life = random.random((robots, 3)).T
+        first, last = self.between
+        by_share = np.where(chance < self.share, duration * (first + part * (last - first)), np.inf)
+        by_rate = -np.log1p(-life) / self.rate if self.rate else np.full(robots, np.inf)
+        return np.asarray(np.minimum(by_share, by_rate), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

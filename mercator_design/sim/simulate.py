@@ -105,6 +105,7 @@ class PreparedExperiment:
             states=history.states,
             led_colours=history.led_colours,
             signals=history.signals,
+            stops=instance.start.stops if len(instance.start.stops) else None,
             floor=instance.start.floor.copy(),  # an objective of a plugin might run the dynamics on it
             zone_rows=instance.zone_rows,
             walls=instance.walls,

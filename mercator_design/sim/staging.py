@@ -64,6 +64,7 @@ def new_scene(mission: Mission, model: RobotModel, sub_steps: int) -> Scene:
         light=_light(mission, model),
         lidar=_lidar(mission, model),
         motion=_motion(model),
+        stops=np.zeros(0, dtype=np.int64),
         senses=senses_bits(model.senses),
         control_period=mission.control_period,
         wall_overlap=math.inf if model.physics.wall_overlap is None else model.physics.wall_overlap,

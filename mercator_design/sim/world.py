@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mercator_design.arrays import Floats, Keys
+from mercator_design.arrays import Floats, Keys, Numbers
 from mercator_design.errors import MissionError
 from mercator_design.jit import compiled
 from mercator_design.missions.arena import WALL_THICKNESS
@@ -120,12 +120,21 @@ class World:
 
     def _draw_start(self, seed: int) -> Start:
         n = self.mission.robots
+        floor = self.mission.realise_floor(generator(seed, "floor"))
         return Start(
-            scene=self._scene._replace(floor=self.mission.realise_floor(generator(seed, "floor"))),
+            scene=self._scene._replace(floor=floor, stops=self._stops(seed)),
             poses=self._places(generator(seed, "placement"), seed),
             control_keys=stream_keys(seed, "control", n),
             noise_keys=stream_keys(seed, "noise", n),
         )
+
+    def _stops(self, seed: int) -> Numbers:
+        """The first cycle in which each robot does not work; that after the last if it always does."""
+        mission, failures = self.mission, self.robot_model.failures
+        if failures is None:
+            return self._scene.stops
+        times = failures.times(generator(seed, "failures"), mission.robots, mission.cycles * mission.control_period)
+        return np.minimum(times / mission.control_period + 1e-9, mission.cycles).astype(np.int64)
 
     def _places(self, random: np.random.Generator, seed: int) -> Floats:
         """Poses (robots, 3) where the robots touch neither a wall nor each other."""

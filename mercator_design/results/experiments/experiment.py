@@ -151,7 +151,7 @@ class ShownExperiment:
         return [(k % len(STATE_COLOURS), f"state {k}") for k in range(n)]
 
     def colours_at(self, cycle: int) -> NDArray[np.int8]:
-        """The colour of each robot's state after a cycle, by number in STATE_COLOURS; DARK: none; 0 is the start."""
+        """The colour of each robot's state after a cycle, by number in STATE_COLOURS; DARK: none, or it has failed."""
         colours: NDArray[np.int8] = self._colours[cycle]
         return colours
 
@@ -162,6 +162,7 @@ class ShownExperiment:
         colours = np.full(states.shape, DARK, dtype=np.int8)
         for robot, k in enumerate(self.pfsm_of):
             colours[:, robot] = np.array(part_colours(self.pfsms[k]))[states[:, robot]]
+        colours[1:][self.trace.failed] = DARK
         return colours
 
     @cached_property
@@ -250,11 +251,12 @@ def _activity(software: Software, recording: Recording) -> NDArray[np.uint8] | N
     """Activity of the nodes; see `ShownExperiment`."""
     states, readings, draws = recording.history.states, recording.recorded("readings"), recording.recorded("draws")
     model, robots = recording.robot_model.reference_model, states.shape[1]
+    stops = recording.scene.stops if len(recording.scene.stops) else [len(states)] * robots
     found = [
-        activity_of(software, model, *(one[:, k].tolist() for one in (readings, draws, states)), robots=robots)
-        for k in range(robots)
+        activity_of(software, model, *(one[:until, k].tolist() for one in (readings, draws, states)), robots=robots)
+        for k, until in enumerate(stops)
     ]
-    return activities(found)
+    return activities(found, len(states))
 
 
 def activity_of(
@@ -292,16 +294,16 @@ def activity_of(
     return found
 
 
-def activities(found: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8] | None:
-    """Activity of the nodes of several robots, each (cycles, nodes), as `ShownExperiment.activity`."""
+def activities(found: Sequence[NDArray[np.uint8] | None], cycles: int) -> NDArray[np.uint8] | None:
+    """Activity of the nodes of several robots, each (cycles or fewer, nodes), as `ShownExperiment.activity`."""
     known = [one for one in found if one is not None]
     n = max((one.shape[1] for one in known), default=0)
     if not known:
         return None
-    joined = np.zeros((len(known[0]), len(found), n), dtype=np.uint8)
+    joined = np.zeros((cycles, len(found), n), dtype=np.uint8)
     for robot, one in enumerate(found):
         if one is not None:
-            joined[:, robot, : one.shape[1]] = one
+            joined[: len(one), robot, : one.shape[1]] = one
     return joined
 
 

@@ -128,7 +128,8 @@ def read_logs(
         names=tuple(log.robot for log in logs),
         fired=_fired(latest, rows),
         activity=activities(
-            [None if log.activity is None else log.activity[row] for log, row in zip(logs, rows, strict=True)]
+            [None if log.activity is None else log.activity[row] for log, row in zip(logs, rows, strict=True)],
+            len(poses) - 1,
         ),
         perceived=perceived_of(
             np.array([[cycle.readings for cycle in row] for row in latest]).swapaxes(0, 1),

@@ -25,7 +25,7 @@ SUFFIXES = (".csv", ".npz")
 _MAX_SIZE = 256 * 1024 * 1024  # of a file
 MAX_UNPACKED = 8 * 16 * MAX_CELLS  # bytes of an .npz
 _COLUMNS = ("time", "robot", "x", "y", "heading")
-_WHOLE = {"state": (0, 127), "led_colour": (-1, len(LED_COLOURS) - 1), "signal": (0, MAX_SIGNAL)}
+_WHOLE = {"state": (0, 127), "led_colour": (-1, len(LED_COLOURS) - 1), "signal": (0, MAX_SIGNAL), "failed": (0, 1)}
 """Columns of whole numbers, which may be missing, and their lowest and highest values."""
 _ARRAYS = ("time", "pose", *_WHOLE)
 _SAME_TIME = 1e-6  # [s]
@@ -49,7 +49,8 @@ def read_trace(
     """An experiment from a table of poses.
 
     Args:
-        path: `.npz` as `Trace.arrays`, or `.csv` as `Trace.to_frame`; state, led_colour and signal may be missing.
+        path: `.npz` as `Trace.arrays`, or `.csv` as `Trace.to_frame`; state, led_colour, signal and failed may
+            be missing.
         simulator: The simulator of the mission in which it took place.
         seed: Seed of the instance, for its floor, and for its starting poses if the table begins after the first cycle.
         pfsm: The control software of the robots, if it is known.
@@ -63,6 +64,7 @@ def read_trace(
     period = _period(path, times)
     check_extent(path.name, len(times), states.shape[1], period)
     instance = simulator.instance(seed)
+    failed = outputs.pop("failed", None)
     start = instance.swarm.poses[:, :3]
     if times[0] > 0.5 * period:
         same = len(start) == poses.shape[1] and math.isclose(period, simulator.mission.control_period)
@@ -83,6 +85,7 @@ def read_trace(
             control_period=period,
             led_colours=outputs.get("led_colour"),
             signals=outputs.get("signal"),
+            stops=None if failed is None else (failed[-len(states) :] == 0).sum(axis=0),
         ),
         robot_model=instance.robot_model,
         mission=simulator.mission,

@@ -94,6 +94,11 @@ const MercatorReplay = (() => {
       return (machine && machine.colours[state]) || UNKNOWN;
     }
 
+    /** Whether a robot has stopped working in the cycle that ends at `cycle`, or before. */
+    hasFailed(robot, cycle) {
+      return Boolean(this.stops) && cycle > 0 && Math.ceil(cycle) - 1 >= this.stops[robot];
+    }
+
     /** What each node of a robot's tree or network did in a cycle; null if it is not known. */
     activity(robot, cycle) {
       return cycle > 0 ? this.readings("activity", robot, cycle, this.activityNodes) : null;
@@ -361,7 +366,8 @@ const MercatorReplay = (() => {
       context.rotate(heading);
       const isChosen = i === options.robot;
       context.lineWidth = (isChosen ? 3.5 : 1) * this.pixel * density();
-      area(context, replay.body.outline, replay.colour(i, state), isChosen ? css(this.canvas, "--selected") : "#000");
+      const hasFailed = replay.hasFailed(i, cycle);
+      area(context, replay.body.outline, hasFailed ? UNKNOWN : replay.colour(i, state), isChosen ? css(this.canvas, "--selected") : "#000");
       const r = replay.body.radius;
       context.lineWidth = this.pixel;
       area(context, [[0.75 * r, 0], [-0.35 * r, 0.42 * r], [-0.12 * r, 0], [-0.35 * r, -0.42 * r]], "#fff", "#000");
@@ -371,6 +377,15 @@ const MercatorReplay = (() => {
         context.arc(-0.6 * r, 0, 0.22 * r, 0, 2 * Math.PI);
         [context.fillStyle, context.strokeStyle] = [replay.ledColours[led].colour, "#000"];
         context.fill();
+        context.stroke();
+      }
+      if (hasFailed) {
+        context.beginPath();
+        for (const side of [-1, 1]) {
+          context.moveTo(-0.6 * r, -0.6 * r * side);
+          context.lineTo(0.6 * r, 0.6 * r * side);
+        }
+        [context.strokeStyle, context.lineWidth] = ["#c00", 2.5 * this.pixel * density()];
         context.stroke();
       }
       context.restore();
@@ -791,7 +806,7 @@ const MercatorReplay = (() => {
       const degrees = ((((heading * 180) / Math.PI) % 360) + 360) % 360;
       const facts = [
         ["Robot", replay.names[robot]],
-        ...this.doing(robot, cycle, state),
+        ...(replay.hasFailed(robot, cycle) ? [["Failed", `at ${((replay.stops[robot] + 1) * replay.period).toFixed(1)} s`]] : this.doing(robot, cycle, state)),
         ["Place", `${x.toFixed(3)} m, ${y.toFixed(3)} m`],
         ["Heading", `${degrees.toFixed(0)}°`],
       ];

@@ -15,7 +15,15 @@ import math
 from mercator_design.jit import jittable
 from mercator_design.missions.dynamics import change_floor
 from mercator_design.modules.architecture import ControlProgram
-from mercator_design.modules.reference import ACTIVE, EVERYTHING, ReferenceModel, led_colour_of, senses_bits, signal_of
+from mercator_design.modules.reference import (
+    ACTIVE,
+    EVERYTHING,
+    Readings,
+    ReferenceModel,
+    led_colour_of,
+    senses_bits,
+    signal_of,
+)
 from mercator_design.seeds import uniform
 from mercator_design.sim.kernels.chipmunk import (
     Bridge,
@@ -37,6 +45,7 @@ from mercator_design.sim.kernels.swarm import History, Swarm
 from mercator_design.software.architectures import control
 
 FREE = -1
+_NEUTRAL = tuple(Readings())
 _PROXIMITY, _NEIGHBOURS, _GROUND = (senses_bits({sense}) for sense in ("proximity", "neighbours", "ground"))
 
 
@@ -154,10 +163,14 @@ def sense_and_control(
         read |= _needed(model, program.reads[state])
     always = EVERYTHING if records else read & _remembered(model)
     n_draws = len(swarm.draws)
+    may_fail = len(scene.stops) > 0
     for i in range(len(swarm.poses)):
         if scene.motion.drifts:
             before, after = history.poses[cycle], history.poses[cycle + 1]
             drift(scene, before, after, swarm.noise_keys[i], cycle, i, swarm.odometry)
+        if may_fail and cycle >= scene.stops[i]:
+            _rest(swarm, history, cycle, i)
+            continue
         senses = _needed(model, program.reads[int(swarm.memory[i, ACTIVE])]) | always
         readings = sense(scene, model, swarm, cycle, i, senses)
         for k in range(n_draws):
@@ -180,6 +193,24 @@ def sense_and_control(
             for side in range(2):
                 history.wheels[cycle, i, side] = actions[side]
                 history.commands[cycle, i, side] = swarm.commands[i, side]
+
+
+@jittable
+def _rest(swarm: Swarm, history: History, cycle: int, i: int) -> None:
+    """A cycle of robot i, which does not work any more: it perceives nothing, and all that it sets is off."""
+    for side in range(2):
+        swarm.commands[i, side] = 0.0
+    history.states[cycle, i] = int(swarm.memory[i, ACTIVE])
+    history.led_colours[cycle, i] = 0
+    history.signals[cycle, i] = 0
+    if len(history.readings) > 0:
+        for k in range(len(_NEUTRAL)):
+            history.readings[cycle, i, k] = _NEUTRAL[k]
+        for k in range(len(swarm.draws)):
+            history.draws[cycle, i, k] = 0.0
+        for side in range(2):
+            history.wheels[cycle, i, side] = 0.0
+            history.commands[cycle, i, side] = 0.0
 
 
 @jittable

@@ -140,6 +140,7 @@ class Scene(NamedTuple):
     light: Light
     lidar: Lidar
     motion: Motion
+    stops: Numbers  # (robots,) first cycle in which each does not work any more; empty: robots do not fail
     senses: int  # those that the robot has, as bits (modules.SENSES)
     control_period: float  # [s]
     wall_overlap: float  # largest of a robot and a wall or box at the end of a cycle [m]; may be infinite

@@ -87,7 +87,7 @@ def main() -> None:
         p = wilcoxon(sign * (winner - others.mean(axis=0)), alternative="greater").pvalue
         figures = (best, np.median(means), p, *(scores(one).mean() for one in hand_made.values()))
         cells = [
-            f"{name} ({mission.objective.direction})",
+            f"{name} ({mission.direction})",
             f"{winner.mean():.5g} ± {error:.2g}",
             f"{beaten:.1%}",
             *(f"{value:.5g}" for value in figures),

@@ -117,7 +117,8 @@ def simulator(name: str) -> Simulator:
 
 def possible(mission: Mission) -> tuple[float, float]:
     """Limits of a shipped mission's score: none can be below 0; the most follows where robots count in places."""
-    name, parameters = mission.objective.name, mission.objective.parameters
+    first = mission.all_objectives[0]
+    name, parameters = first.name, first.parameters
     if name == "color_value":
         most = mission.robots * max(parameters["values"].values())
     elif name.startswith("robots_in_") or name in {"robots_evenly_in_zones", "zone_difference"}:

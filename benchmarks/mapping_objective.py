@@ -75,7 +75,7 @@ def row_of(arena: str, robots: int, duration: float, one: Software, seed: int) -
         raise ValueError(f"{arena}: expected the truth")
     turned = np.abs(np.diff(trace.poses[..., 2], axis=0)).mean() / trace.control_period
     begin_objective = time.process_time()
-    score = mission.objective(trace)
+    score = mission.scored(trace).score
     return {
         "score": round(score, 5),
         "objective_ms": round(1e3 * (time.process_time() - begin_objective), 2),

@@ -113,7 +113,7 @@ class MissionProblem:
 
     @property
     def is_maximised(self) -> bool:
-        return self._simulator.mission.objective.direction == "maximise"
+        return self._simulator.mission.direction == "maximise"
 
     def start(self, seed: int) -> None:
         self._seed = seed

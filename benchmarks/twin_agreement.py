@@ -190,7 +190,7 @@ def _result(plan: Plan, folder: Path) -> Result:
 def score(case: Case, seed: int, result: Result, folder: Path) -> float:
     """The mission's score of a run on a twin."""
     poses = np.load(folder / _POSES) if (folder / _POSES).exists() else _poses(case, result.began, folder)
-    return case.simulator.mission.objective(trace(case, seed, poses))
+    return case.simulator.mission.scored(trace(case, seed, poses)).score
 
 
 def _poses(case: Case, began: Sequence[float], folder: Path) -> Floats:

@@ -13,10 +13,10 @@ from mercator_design.config.schema import one_of
 from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, SimulationError, excerpt
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives.scoring import Scored
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_names
-from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
@@ -59,7 +59,7 @@ class SimulatedTrace(Trace):
 def simulate(
     mission: Mission, pfsm: Software, *, seed: int = 1, robot_model: RobotModel | None = None, record: bool = False
 ) -> SimulatedTrace:
-    """Run one experiment; `mission.objective(trace)` is its score, and `trace.replay()` shows it.
+    """Run one experiment; `mission.scored(trace)` has its scores, and `trace.replay()` shows it.
 
     Args:
         mission: What the robots have to do.
@@ -122,12 +122,12 @@ def evaluate(
     simulator = Simulator(mission, robot_model)
     simulator.check(pfsm)
 
-    def measured(seed: int) -> float:
-        return simulator.run(pfsm, seed).score
+    def measured(seed: int) -> Scored:
+        return simulator.run(pfsm, seed).scored
 
     with ThreadExecutor(jobs) as executor:
-        scores = in_order(executor, measured, seeds, watch)
-    return Evaluation(scores=Scores(tuple(scores), mission.possible_scores()), seeds=seeds)
+        found = in_order(executor, measured, seeds, watch)
+    return Evaluation.of(mission, found, seeds)
 
 
 class DesignRun(RaceRun[tuple[Software, int]]):

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
 from mercator_design.config.writing import digest_of, dump
-from mercator_design.errors import FsmError, RaceError, SimulationError, excerpt
+from mercator_design.errors import FsmError, MissionError, RaceError, SimulationError, excerpt
 from mercator_design.jit import announced, compiling, kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.architecture import Software
@@ -144,11 +144,13 @@ class Designer(Task[tuple[Software, int]]):
         for module in flavour_of(flavour).modules:
             simulator.check_module(module, flavour)
         simulator.refuse_impossible()
+        if simulator.mission.is_ranked_by_all:
+            raise MissionError(f"{simulator.mission.name}: a race needs weights of the objectives, which sum them")
         self.simulator = simulator
         self.flavour = flavour
         self.method = method
         self.name = simulator.mission.name
-        self.maximise = simulator.mission.objective.direction == "maximise"
+        self.maximise = simulator.mission.direction == "maximise"
         self.possible_scores = simulator.mission.possible_scores()
         self.function = Experimenter(simulator, flavour_of(flavour))
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)

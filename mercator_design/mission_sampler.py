@@ -17,7 +17,8 @@ from mercator_design.config.colours import ColourName
 from mercator_design.errors import MissionError
 from mercator_design.missions.arena import Arena, Box, Light, RegularPolygon
 from mercator_design.missions.floor import Disc, Floor, Rectangle
-from mercator_design.missions.mission import Mission, Objective
+from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives.scoring import Objective
 from mercator_design.missions.placement import DiscPlacement, HalfPlaneLimit
 from mercator_design.seeds import generator
 from mercator_design.sim.robot_model import RobotModel, load_robot_model

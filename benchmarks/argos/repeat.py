@@ -250,4 +250,4 @@ class Original:
             zone_rows=instance.zone_rows,
             control_period=mission.control_period,
         )
-        return mission.objective(trace), history
+        return mission.scored(trace).score, history

@@ -110,6 +110,8 @@ def evaluate(
     if cost_alone and len(pfsms) > 1:
         raise click.UsageError(f"--cost is of one controller, found {len(pfsms)}")
     loaded, model = simulator.mission, simulator.robot_model
+    if cost_alone and loaded.is_ranked_by_all:
+        raise click.UsageError(f"--cost is one figure, but {loaded.name} has several objectives; give them weights")
     if not cost_alone:
         warn_of_mission(simulator, refuse=False)
         warn(*_without_effect(pfsms, simulator))

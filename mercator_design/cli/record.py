@@ -9,6 +9,7 @@ from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, war
 from mercator_design.cli.options import CONTROLLER, FSM, MISSION, FileOf, seed_of
 from mercator_design.command import print_message, print_result, read_controller
 from mercator_design.errors import printable
+from mercator_design.show.text.missions import scores_text
 from mercator_design.show.text.recording import FORMATS, check_size, write_recording
 from mercator_design.sim.devices import DEVICES
 from mercator_design.system.files import replacing, writing
@@ -74,4 +75,4 @@ def record(
         outcome = simulator.run(file.software, seed, record=True)
         recording = outcome.recording if turns else None
         write_recording(stream, outcome.trace, names, every=every, suffix=output.suffix.lower(), turns=recording)
-    print_result(printable(f"{output}: {loaded.name}, seed {seed}, score {outcome.score:g}"))
+    print_result(printable(f"{output}: {loaded.name}, seed {seed}, {scores_text(loaded, outcome.scored)}"))

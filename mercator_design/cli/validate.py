@@ -84,8 +84,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
 
 
 def _functions(mission: Mission) -> list[Callable[..., Any]]:
-    """The functions of its objective and dynamics."""
-    return [one.function for one in (mission.objective, *mission.floor.dynamics)]
+    """The functions of its objectives and dynamics."""
+    return [one.function for one in (*mission.all_objectives, *mission.floor.dynamics)]
 
 
 def _described(file: Path, flavour: str | None, lenient: bool) -> str:

@@ -33,8 +33,8 @@ def plain(value: object) -> Any:  # noqa: ANN401 - dicts, lists and scalars
         kind: schema.Kind = type(value)
         keywords = schema.keywords_of(kind)
         fields = {name: plain(getattr(value, name)) for name in schema.fields_of(kind)}
-        for name in getattr(kind, "UNWRITTEN", ()):  # keys that are not written if null: older digests hold
-            if fields[name] is None:
+        for name in getattr(kind, "UNWRITTEN", ()):  # keys that are not written if null or empty: older digests hold
+            if fields[name] is None or fields[name] == []:
                 del fields[name]
         return fields | fields.pop(keywords[0]) if keywords else fields
     if isinstance(value, Mapping):

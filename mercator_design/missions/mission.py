@@ -1,11 +1,14 @@
-"""A mission: robots, arena, floor, placement, duration and objective, in one YAML file.
+"""A mission: robots, arena, floor, placement, duration and objectives, in one YAML file.
 
 This module defines the keys of a mission file, checks their consistency, and finds the file of a name. The files in
 `scenarios/` are found automatically.
+
+Most missions have one objective. One with several has a score by each of them. If it gives weights, they are summed to
+one cost; else nothing sums them, and the score by the first objective stands where there is room for one figure.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,94 +20,28 @@ from mercator_design.config.loading import parse, read
 from mercator_design.config.schema import (
     FieldError,
     FilePath,
-    KeywordsOf,
     Length,
     Name,
     Range,
     check,
-    checked,
-    parameters_of,
-    problems,
 )
 from mercator_design.config.writing import digest_of, plain
 from mercator_design.config.yaml_tree import FromFile
-from mercator_design.errors import MercatorError, MissionError, excerpt
+from mercator_design.errors import MissionError
 from mercator_design.missions.arena import Arena, Light, walls_meet
-from mercator_design.missions.calls import Call, NamedFile, copied
+from mercator_design.missions.calls import Call, NamedFile
 from mercator_design.missions.floor import Floor, FloorTable
-from mercator_design.missions.objectives import OBJECTIVES
+from mercator_design.missions.objectives.scoring import Direction, Objective, Scored, Weight, weighted
 from mercator_design.missions.placement import Placement, outside
-from mercator_design.missions.plugins import OF_A_PLUGIN, limits_of
 from mercator_design.missions.score_limits import ExperimentSize
 from mercator_design.missions.trace import Trace
-from mercator_design.plugins.places import first_line
-from mercator_design.plugins.registries import is_ours
-from mercator_design.scores import ANY_SCORE, EXPECTED, ScoreRange, is_score
+from mercator_design.scores import ScoreRange
 from mercator_design.seeds import generator
 
-_NUMBERS: Any = (int, float, np.integer, np.floating, np.bool_)
-"""The scores that an objective may return."""
 _MAX_CYCLES = 10_000_000
 """Robots times cycles: their trace has 250 MB."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Objective(Call):
-    """A function of OBJECTIVES with its parameters and direction."""
-
-    FUNCTIONS: ClassVar = OBJECTIVES
-    KIND: ClassVar = "objective"
-
-    direction: Literal["maximise", "minimise"]  # whether a higher or a lower score is better
-    parameters: Annotated[Mapping[str, Any], KeywordsOf(OBJECTIVES, "name", OF_A_PLUGIN)]
-
-    def __post_init__(self) -> None:
-        Call.__post_init__(self)
-        defaults = {name: default for name, (_, default) in parameters_of(self.function).items()}
-        checked(problems(self.function, defaults | {**self.parameters}))
-
-    def __call__(self, trace: Trace) -> float:
-        """The score of an experiment.
-
-        Raises:
-            MissionError: if the function fails, or its value is not a score.
-        """
-        with self.reporting(MissionError, MercatorError):
-            found: Any = self.function(trace, **self.with_paths(copied))
-            if not isinstance(found, _NUMBERS):
-                what = f"{excerpt(repr(found))} of type {type(found).__name__}"
-            elif is_score(found):
-                self._check_limits(float(found), trace)
-                return float(found)
-            else:
-                what = excerpt(str(found))
-        raise MissionError(f"{first_line(self.function)}objective {self.name}: {EXPECTED}, found {what}")
-
-    def _check_limits(self, score: float, trace: Trace) -> None:
-        """Check that a plugin's score is within the limits that the plugin gives; ours are, as tests show."""
-        if is_ours(self.function) or limits_of(self.function) is None:
-            return
-        possible = self.possible_scores(ExperimentSize(trace.robots, trace.cycles, trace.floor, trace.zone_rows))
-        if not possible.has(score):
-            expected = f"expected a score from {possible.low:g} to {possible.high:g}, as its limits are"
-            raise MissionError(f"{first_line(self.function)}objective {self.name}: {expected}, found {score:g}")
-
-    def possible_scores(self, size: ExperimentSize) -> ScoreRange:
-        """The range of the scores of experiments of a size.
-
-        Raises:
-            MissionError: if the function that gives it fails, or does not return two numbers in order.
-        """
-        if (limits := limits_of(self.function)) is None:
-            return ANY_SCORE._replace(maximise=self.direction == "maximise")
-        defaults = {name: default for name, (_, default) in parameters_of(self.function).items()}
-        with self.reporting(MissionError, MercatorError):
-            found: Any = limits(size, **{**defaults, **self.with_paths(copied)})
-            match found:
-                case (low, high) if isinstance(low, _NUMBERS) and isinstance(high, _NUMBERS) and low <= high:
-                    return ScoreRange(float(low), float(high), self.direction == "maximise")
-        expected = "expected limits: the least and the largest score"
-        raise MissionError(f"{first_line(limits)}objective {self.name}: {expected}, found {excerpt(repr(found))}")
+MAX_OBJECTIVES = 4
+"""A front of more has nearly all designs: few are better in all of them."""
 
 
 def _whole_cycles(duration: float, control_period: float) -> Iterator[FieldError]:
@@ -142,8 +79,24 @@ def _lights_seen(robots: int, lights: tuple[Light, ...]) -> Iterator[FieldError]
                 yield FieldError(f"lights[{i}].seen_by[{j}]", expected)
 
 
-def _zones_known(floor: Floor, objective: Objective) -> Iterator[FieldError]:
-    yield from floor.unknown_zones("objective", objective)
+def _one_or_several(
+    objective: Objective | None, objectives: tuple[Objective, ...], weights: tuple[Weight, ...]
+) -> Iterator[FieldError]:
+    if (objective is None) == (not objectives):
+        found = "neither" if objective is None else "both"
+        yield FieldError("objective", f"expected either objective or objectives, found {found}")
+    elif len(objectives) == 1:
+        yield FieldError("objectives", "expected two or more, found one: write it as objective")
+    if weights and len(weights) != len(objectives):
+        expected = f"expected none, or one for each of {len(objectives)} objectives"
+        yield FieldError("weights", f"{expected}, found {len(weights)}")
+
+
+def _zones_known(floor: Floor, objective: Objective | None, objectives: tuple[Objective, ...]) -> Iterator[FieldError]:
+    if objective is not None:
+        yield from floor.unknown_zones("objective", objective)
+    for k, one in enumerate(objectives):
+        yield from floor.unknown_zones(f"objectives[{k}]", one)
 
 
 def _poses_for_all(robots: int, placement: Placement) -> Iterator[FieldError]:
@@ -165,7 +118,9 @@ class Mission(FromFile):
     """The contents of a mission file."""
 
     KIND: ClassVar = "mission"
+    UNWRITTEN: ClassVar = ("objective", "objectives", "weights")
     CHECKS: ClassVar = (
+        _one_or_several,
         _whole_cycles,
         _cycles_that_fit,
         _obstacles_inside,
@@ -188,7 +143,9 @@ class Mission(FromFile):
     floor: Floor = Floor()
     lights: Annotated[tuple[Light, ...], Length(0, 100)] = ()  # above the floor
     placement: Placement  # where the robots start
-    objective: Objective  # what is scored
+    objective: Objective | None = None  # what is scored
+    objectives: Annotated[tuple[Objective, ...], Length(0, MAX_OBJECTIVES)] = ()  # instead of objective: two or more
+    weights: tuple[Weight, ...] = ()  # of the objectives, in their order, if they are summed to one cost
 
     def __post_init__(self) -> None:
         check(self)
@@ -200,7 +157,65 @@ class Mission(FromFile):
     def summary(self) -> str:
         """Robots, duration and objective in a line."""
         robots = f"{self.robots} robot{'s' * (self.robots != 1)}"
-        return f"{robots}, {self.duration:g} s, {self.objective.direction} {self.objective.name}"
+        return f"{robots}, {self.duration:g} s, {self.goal}"
+
+    @property
+    def all_objectives(self) -> tuple[Objective, ...]:
+        """Its objective, or all of them."""
+        return tuple(one for _, one in self.placed_objectives())
+
+    def placed_objectives(self) -> Iterator[tuple[str, Objective]]:
+        """Its objectives, each with its place in the file."""
+        if self.objective is not None:
+            yield "objective", self.objective
+        yield from ((f"objectives[{k}]", one) for k, one in enumerate(self.objectives))
+
+    @property
+    def is_ranked_by_all(self) -> bool:
+        """Whether it has several objectives that nothing sums to one cost."""
+        return bool(self.objectives) and not self.weights
+
+    @property
+    def objective_names(self) -> tuple[str, ...]:
+        """The names of the objectives; those that occur again have a number."""
+        names = [one.name for one in self.all_objectives]
+        return tuple(
+            f"{name} ({names[: k + 1].count(name)})" if name in names[:k] else name for k, name in enumerate(names)
+        )
+
+    @property
+    def direction(self) -> Direction:
+        """Whether a higher or a lower score is better."""
+        return "minimise" if self.weights else self.all_objectives[0].direction
+
+    @property
+    def goal(self) -> str:
+        """The directions and names of its objectives, in words."""
+        goals = [f"{one.direction} {name}" for one, name in zip(self.all_objectives, self.objective_names, strict=True)]
+        together = " and ".join(filter(None, [", ".join(goals[:-1]), goals[-1]]))
+        return f"{together}, weighted" if self.weights else together
+
+    @property
+    def score_name(self) -> str:
+        """What its score is, for axes and tables."""
+        if self.weights:
+            return "weighted cost (minimise)"
+        first = f"score ({self.all_objectives[0].name}, {self.direction}"
+        return f"{first}; the first of {len(self.objectives)} objectives)" if self.objectives else f"{first})"
+
+    def scored(self, trace: Trace) -> Scored:
+        """The scores of an experiment.
+
+        Raises:
+            MissionError: if an objective fails, or its value is not a score.
+        """
+        scores = tuple(one(trace) for one in self.all_objectives)
+        return Scored(self.score_of(scores), scores)
+
+    def score_of(self, scores: Sequence[float]) -> float:
+        """The score that stands for those by each objective: their weighted cost, else that by the first."""
+        maximised = [one.direction == "maximise" for one in self.all_objectives]
+        return weighted(scores, self.weights, maximised) if self.weights else scores[0]
 
     def realise_floor(self, rng: np.random.Generator) -> FloorTable:
         """As `Floor.realise`.
@@ -224,9 +239,24 @@ class Mission(FromFile):
         Raises:
             MissionError: if a function of a plugin fails.
         """
+        ranges = self.possible_by_objective()
+        if not self.weights:
+            return ranges[0]
+        best, worst = (
+            weighted([one[one.maximise == is_best] for one in ranges], self.weights, [one.maximise for one in ranges])
+            for is_best in (True, False)
+        )
+        return ScoreRange(best, worst)
+
+    def possible_by_objective(self) -> tuple[ScoreRange, ...]:
+        """The ranges of the scores by each objective.
+
+        Raises:
+            MissionError: if a function of a plugin fails.
+        """
         floor = self.realise_floor(generator(0, "floor"))
         size = ExperimentSize(self.robots, self.cycles, floor, self.floor.zone_rows())
-        return self.objective.possible_scores(size)
+        return tuple(one.possible_scores(size) for one in self.all_objectives)
 
     @property
     def digest(self) -> str:
@@ -250,7 +280,8 @@ class Mission(FromFile):
         content["robot_model"] = robot_model
         if self.floor.image is not None:
             content["floor"]["image"]["path"] = image
-        there = [content["objective"], *content["floor"]["dynamics"]]
+        scored = content["objectives"] if self.objectives else [content["objective"]]
+        there = [*scored, *content["floor"]["dynamics"]]
         for call, called in zip(self._calls, there, strict=True):
             if call.files:
                 called.update(plain(call.with_paths(named)))
@@ -265,15 +296,19 @@ class Mission(FromFile):
     @property
     def _calls(self) -> list[Call]:
         """The parts whose parameters may name files."""
-        return [self.objective, *self.floor.dynamics]
+        return [*self.all_objectives, *self.floor.dynamics]
 
     def cost(self, score: float) -> float:
         """The cost of a score: what a race minimises."""
-        return -score if self.objective.direction == "maximise" else score
+        return -score if self.direction == "maximise" else score
+
+    def costs(self, scores: Sequence[float]) -> tuple[float, ...]:
+        """The costs of the scores by each objective."""
+        return tuple(one.cost(score) for one, score in zip(self.all_objectives, scores, strict=True))
 
     def score(self, cost: float) -> float:
         """The score of a cost."""
-        return 0.0 - cost if self.objective.direction == "maximise" else cost
+        return 0.0 - cost if self.direction == "maximise" else cost
 
 
 def load_mission(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Mission:

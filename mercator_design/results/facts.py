@@ -182,8 +182,7 @@ class Facts:
     def score_name(self) -> str:
         """The name of the axis of scores."""
         if self.mission is not None:
-            objective = self.mission.objective
-            return f"score ({objective.name}, {objective.direction})"
+            return self.mission.score_name
         return "cost (lower is better)" if self.start["task"] == "scenario" else "score"
 
     def called(self, configuration: int) -> str:

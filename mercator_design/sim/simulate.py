@@ -11,6 +11,7 @@ from mercator_design.config import shipped
 from mercator_design.errors import FsmError, MissionError, SimulationError
 from mercator_design.jit import announced, compiled, compiling, jit_wanted
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives.scoring import Scored
 from mercator_design.missions.plugins import changes_of
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import ControlProgram, Software, outputs_of
@@ -42,9 +43,14 @@ _PROGRAMS = 1024
 class Outcome:
     """The result of an experiment."""
 
-    score: float  # in the mission's direction
+    scored: Scored  # in the mission's direction, and by each objective
     trace: Trace
     recording: Recording  # with readings, draws and wheels if all was recorded
+
+    @property
+    def score(self) -> float:
+        """In the mission's direction."""
+        return self.scored.score
 
     @property
     def history(self) -> History:
@@ -112,7 +118,7 @@ class PreparedExperiment:
             control_period=mission.control_period,
             measure=recording.measure,
         )
-        return Outcome(score=mission.objective(trace), trace=trace, recording=recording)
+        return Outcome(scored=mission.scored(trace), trace=trace, recording=recording)
 
     def _check_outputs(self) -> None:
         """Check that modules set what robots can show and send; wheels out of range show in the poses."""

@@ -18,7 +18,7 @@ from mercator_design.command import (
     print_result,
     read_controller,
 )
-from mercator_design.errors import FsmError
+from mercator_design.errors import FsmError, MissionError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.words.names import state_names
 from mercator_design.race.executors.executor import in_order
@@ -100,6 +100,8 @@ def simplify(
     simulator.check(file.pfsm)
     simulator.rehearse(announce=print_message)
     loaded = simulator.mission
+    if loaded.is_ranked_by_all:
+        raise MissionError(f"{loaded.name}: a simpler PFSM is tested by one score: give the objectives weights")
 
     def score_of(item: tuple[Pfsm, int]) -> float:
         pfsm, instance = item

@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from mercator_design.missions.objectives.scoring import Scored
 from mercator_design.missions.trace import Trace
 from mercator_design.modules.architecture import Software
-from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import in_order
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.results.analysis.evaluation import Evaluation
@@ -49,18 +49,17 @@ def evaluate_with_stats(
     """As `api.evaluate`, with statistics of the swarm; the experiments are recorded, which takes longer."""
     with ThreadExecutor(jobs) as executor:
         found = in_order(executor, partial(_observed, simulator, pfsm), seeds, watch)
-    scores = Scores(tuple(score for score, _ in found), simulator.mission.possible_scores())
-    evaluation = Evaluation(scores=scores, seeds=tuple(seeds))
+    evaluation = Evaluation.of(simulator.mission, [scored for scored, _ in found], seeds)
     return evaluation, _mean([stats for _, stats in found])
 
 
-def _observed(simulator: Simulator, pfsm: Software, seed: int) -> tuple[float, SwarmStats]:
-    """The score of one experiment, and the statistics of the swarm in it."""
+def _observed(simulator: Simulator, pfsm: Software, seed: int) -> tuple[Scored, SwarmStats]:
+    """The scores of one experiment, and the statistics of the swarm in it."""
     outcome = simulator.run(pfsm, seed, record=True)
     trace, model = outcome.trace, outcome.recording.robot_model
     states = occupancy([trace], len(part_names(pfsm)))
     steps = np.linalg.norm(np.diff(trace.poses[..., :2], axis=0), axis=-1)
-    return outcome.score, SwarmStats(
+    return outcome.scored, SwarmStats(
         states=states.shares,
         transitions=sum(states.rates.values()),
         ground=_ground(simulator, trace),

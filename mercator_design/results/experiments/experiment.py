@@ -199,7 +199,7 @@ class ShownExperiment:
         if self.mission is None:
             return None
         try:
-            return float(self.mission.objective(_until(self.trace, self.recording, cycles)))
+            return self.mission.scored(_until(self.trace, self.recording, cycles)).score
         except (MissionError, SimulationError):
             return None
 

@@ -153,8 +153,7 @@ def compare_fsms(machines: Machines, seeds: Sequence[int], seed: int, scores: Se
         for k, (source, fsm) in enumerate(zip(machines.fsms, fsms, strict=True))
     ]
     found = Comparison(evaluated, simulator.mission, simulator.robot_model)
-    objective = simulator.mission.objective
-    axis = Axis(f"score ({objective.name}, {objective.direction})")
+    axis = Axis(simulator.mission.score_name)
     return {**comparison_data(found, seed=seed), "chart": interval_chart([*_dots(found)], axis)}
 
 
@@ -212,5 +211,5 @@ def new_design(machines: Machines) -> NewDesign:
         fsm=fsm_file_text(fsm.pfsm, header_of(simulator, fsm.pfsm.flavour), fsm.names),
         mission=text_without_files(mission, simulator.robot_model),
         mission_name=mission.name,
-        direction=mission.objective.direction,
+        direction=mission.direction,
     )

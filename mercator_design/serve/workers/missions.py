@@ -73,7 +73,7 @@ def check_request(request: RaceRequest, limits: UserLimits) -> CheckedMission:
     Designer(simulator, budget=request.budget, seed=request.seed, flavour=request.flavour, method=request.method)
     return CheckedMission(
         name=mission.name,
-        direction=mission.objective.direction,
+        direction=mission.direction,
         warnings=tuple(map(without_folders, _warnings(simulator, request.flavour))),
     )
 

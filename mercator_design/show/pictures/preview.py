@@ -110,12 +110,14 @@ def draw_preview(preview: MissionPreview) -> Figure:
 
 def _title(mission: Mission) -> str:
     """Robots, duration and objective, and the objective's parameters, in a line or more each."""
-    objective = mission.objective
     parameters = "; ".join(
-        f"{name}: {_value_text(value)}" for name, value in objective.parameters.items() if value != {}
+        f"{name}: {_value_text(value)}"
+        for one in mission.all_objectives
+        for name, value in one.parameters.items()
+        if value != {}
     )
     robots = f"{mission.robots} robot{'s' * (mission.robots != 1)}"
-    goal = f"{robots}, {mission.duration:g} s: {objective.direction} {objective.name}"
+    goal = f"{robots}, {mission.duration:g} s: {mission.goal}"
     return "\n".join([goal, *textwrap.wrap(parameters, 72, max_lines=3, placeholder=" ...")])
 
 

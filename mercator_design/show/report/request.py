@@ -17,12 +17,11 @@ def request(facts: Facts) -> Html:
     mission: list[tuple[str, object]] = [("mission" if start["task"] == "mission" else "scenario", start["name"])]
     picture = Html()
     if asked is not None and model is not None:
-        objective = asked.objective
         mission += [
             ("", asked.description or None),
             ("robots", f"{asked.robots} of {model.name}"),
             ("duration", f"{asked.duration:g} s"),
-            ("objective", f"{objective.direction} {objective.name}"),
+            ("objectives" if asked.objectives else "objective", asked.goal),
         ]
         picture = Html() if facts.preview is None else _picture(facts.preview)
     race: list[tuple[str, object]] = [

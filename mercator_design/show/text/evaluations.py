@@ -5,9 +5,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mercator_design.errors import printable
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Software
+from mercator_design.race.analysis.fronts import nondominated
 from mercator_design.race.analysis.pairs import Pair, compared
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.evaluation import Evaluation
@@ -84,6 +87,8 @@ def evaluation_summary(one: Evaluated, mission: Mission, robot_model: RobotModel
             f"({CONFIDENCE:.0%} for the mean, by Student's t{_within(scores.possible)})",
         ]
     lines += [f"quartiles            {low:.6g}  {middle:.6g}  {high:.6g}"]
+    if one.result.by_objective:
+        lines = [*lines[:3], *(lines[3:] if mission.weights else []), *_objective_lines([one], mission)]
     if one.stats is not None:
         stats, names = one.stats, part_names(one.software)
         lines += [
@@ -101,6 +106,26 @@ def evaluation_data(one: Evaluated, mission: Mission, robot_model: RobotModel, *
     """The figures of an evaluation, for JSON; what is not defined, as for one run, is None."""
     scores = {"scores": one.scores.values, "seeds": one.result.seeds}
     return _facts(one.scores, mission, robot_model, seed) | scores | _figures(one)
+
+
+def _objective_lines(of: Sequence[Evaluated], mission: Mission) -> list[str]:
+    """A table of the means by each of several objectives, a row for each controller."""
+    costs = [mission.costs([scores.mean for scores in one.result.by_objective.values()]) for one in of]
+    is_on_front = nondominated(np.array(costs))
+    named = zip(mission.objective_names, mission.all_objectives, strict=True)
+    goals = [f"{name} ({one.direction})" for name, one in named]
+    rows: list[Sequence[object]] = [("FSM", *goals, "")]
+    for k, one in enumerate(of):
+        figures = [f"{scores.mean:.4g}{_around(scores)}" for scores in one.result.by_objective.values()]
+        rows.append((one.label, *figures, "on the front" if len(of) > 1 and is_on_front[k] else ""))
+    about = f"means, with intervals of {CONFIDENCE:.0%} by Student's t"
+    about += "; on the front: no other has better means in all" if len(of) > 1 else ""
+    return [f"by objective         {about}", "", *aligned(rows)]
+
+
+def _around(scores: Scores) -> str:
+    interval = scores.confidence_interval
+    return "" if interval is None else f" ({interval[0]:.4g} to {interval[1]:.4g})"
 
 
 def comparison_text(found: Comparison, *, seed: int | None) -> str:
@@ -130,6 +155,8 @@ def comparison_text(found: Comparison, *, seed: int | None) -> str:
         "",
     ]
     lines += aligned(rows)
+    if best.result.by_objective:
+        lines += ["", *_objective_lines(found.of, found.mission)]
     if 1 < len(found.pairs) <= _MAX_PAIRS:
         pairs = [
             (
@@ -148,7 +175,8 @@ def comparison_text(found: Comparison, *, seed: int | None) -> str:
         rest = f"; not significantly worse: {names}"
     else:
         rest = ", significantly better than the others"
-    lines += ["", f"Best: {best.label}{rest}"]
+    by = f" by {found.mission.objective_names[0]}" if found.mission.is_ranked_by_all else ""
+    lines += ["", f"Best{by}: {best.label}{rest}"]
     if found.pairs:
         n = len(found.pairs)
         lines += ["p: paired t-test" if n == 1 else f"p: paired t-tests of {n} pairs, with Holm's correction"]
@@ -163,12 +191,14 @@ def comparison_csv(found: Comparison) -> str:
     """The table as CSV, with the figures of `comparison_text`."""
     names = ("fsm", "mean", "low", "high", "standard_deviation", "lower_quartile", "median", "upper_quartile")
     stats = [row[1:] for row in _stats_rows(found.of)] if found.of[0].stats is not None else [()] * (len(found.of) + 1)
-    rows: list[Sequence[object]] = [(*names, "runs", "p_value_against_best", *stats[0])]
+    by_name = [f"mean of {name}" for name in found.of[0].result.by_objective]
+    rows: list[Sequence[object]] = [(*names, "runs", "p_value_against_best", *by_name, *stats[0])]
     for k, (one, others) in enumerate(zip(found.of, stats[1:], strict=True)):
         scores = one.scores
         low, high = scores.confidence_interval or (None, None)
         figures = (scores.mean, low, high, scores.standard_deviation, *scores.quartiles, len(scores.values))
-        rows.append((one.name, *figures, found.p_values.get(k), *others))
+        means = [each.mean for each in one.result.by_objective.values()]
+        rows.append((one.name, *figures, found.p_values.get(k), *means, *others))
     return csv_text(rows)
 
 
@@ -200,7 +230,7 @@ def _head(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int |
     n = len(scores.values)
     instances = "given instances" if seed is None else f"fresh instances, seed {seed}"
     return [
-        f"mission              {mission.name} ({mission.objective.direction} {mission.objective.name})",
+        f"mission              {mission.name} ({mission.goal})",
         f"                     {mission.robots} robots, {mission.duration:g} s, robot model {robot_model.name}",
         f"runs                 {n}, on {instances}",
     ]
@@ -217,7 +247,7 @@ def _within(possible: ScoreRange) -> str:
 def _facts(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int | None) -> dict[str, Any]:
     return {
         "mission": mission.name,
-        "direction": mission.objective.direction,
+        "direction": mission.direction,
         "robots": mission.robots,
         "duration": mission.duration,
         "robot_model": robot_model.name,
@@ -229,13 +259,21 @@ def _facts(scores: Scores, mission: Mission, robot_model: RobotModel, seed: int 
 
 def _figures(one: Evaluated) -> dict[str, Any]:
     scores = one.scores
-    figures = {
+    figures: dict[str, Any] = _statistics(scores)
+    if one.result.by_objective:
+        figures["objectives"] = {
+            name: {"scores": each.values, **_statistics(each)} for name, each in one.result.by_objective.items()
+        }
+    return figures if one.stats is None else figures | {"stats": asdict(one.stats)}
+
+
+def _statistics(scores: Scores) -> dict[str, Any]:
+    return {
         "mean": scores.mean,
         "standard_deviation": scores.standard_deviation,
         "quartiles": scores.quartiles,
         "confidence_interval": scores.confidence_interval,
     }
-    return figures if one.stats is None else figures | {"stats": asdict(one.stats)}
 
 
 def _stats_rows(of: Sequence[Evaluated]) -> list[list[object]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 from mercator_design.config import shipped
 from mercator_design.missions.mission import Mission, load_mission
+from mercator_design.missions.objectives.scoring import Scored
 from mercator_design.sim.robot_model import load_robot_model
 
 _GAP = "  "
@@ -16,7 +17,7 @@ def missions_table(width: int | None) -> str:
     rows = [("name", "robots", "time", "objective", "description")]
     for name in shipped.missions():
         mission = load_mission(name)
-        time, goal = f"{mission.duration:g} s", f"{mission.objective.direction} {mission.objective.name}"
+        time, goal = f"{mission.duration:g} s", mission.goal
         rows.append((mission.name, f"{mission.robots:>6}", f"{time:>5}", goal, mission.description))
     return _table([row if width is None else (*row[:3], row[4]) for row in rows], width)
 
@@ -34,6 +35,14 @@ def _table(rows: Sequence[tuple[str, ...]], width: int | None) -> str:
         line = _GAP.join([*(f"{cell:<{n}}" for cell, n in zip(cells, widths, strict=True)), " ".join(last.split())])
         lines.append(line if width is None or len(line) <= width else f"{line[: width - 1]}…")
     return "\n".join(lines)
+
+
+def scores_text(mission: Mission, scored: Scored) -> str:
+    """The score of an experiment; of several objectives a figure for each."""
+    if not mission.objectives:
+        return f"score {scored.score:g}"
+    each = [f"{name} {score:g}" for name, score in zip(mission.objective_names, scored.by_objective, strict=True)]
+    return ", ".join([*each, *([f"weighted cost {scored.score:g}"] if mission.weights else [])])
 
 
 def missions_json() -> str:
@@ -56,6 +65,6 @@ def facts_of(mission: Mission) -> dict[str, Any]:
         "robots": mission.robots,
         "duration": mission.duration,
         "robot_model": mission.robot_model,
-        "objective": mission.objective.name,
-        "direction": mission.objective.direction,
+        "objective": ", ".join(mission.objective_names),
+        "direction": mission.direction,
     }

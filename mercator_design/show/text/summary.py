@@ -73,11 +73,9 @@ def _request(task: Task[Any]) -> list[str]:
     if not isinstance(task, Designer):
         return task.about(task.start())
     mission, model = task.simulator.mission, task.simulator.robot_model
-    objective = mission.objective
     dead = dead_conditions(mission, model, task.flavour)
     return [
-        f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, "
-        f"{objective.direction} {objective.name}",
+        f"Mission    {mission.name}: {mission.robots} robots, {mission.duration:g} s, {mission.goal}",
         f"Designed   with {task.flavour}, for robot {model.name}",
         *([f"Note       never fires on this mission: {', '.join(dead)}"] if dead else []),
     ]

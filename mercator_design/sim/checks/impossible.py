@@ -14,6 +14,7 @@ import numpy as np
 from mercator_design.config.schema import Radians, values_in
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives.scoring import Objective
 from mercator_design.missions.plugins import is_by_zones
 from mercator_design.missions.zone_distance import border_points, distance_to
 from mercator_design.plugins.registries import is_ours
@@ -44,15 +45,22 @@ class MissionWarning:
 
 def mission_warnings(mission: Mission, model: RobotModel) -> list[MissionWarning]:
     """All warnings on a mission with a robot model."""
-    found = [*angle_warnings(mission), *angle_warnings(model), *_unseen_walls(mission, model)]
+    found = [*angle_warnings(mission), *angle_warnings(model)]
+    for where, one in mission.placed_objectives():
+        found += _unseen_walls(mission, model, where, one)
     if not all(is_ours(dynamics.function) for dynamics in mission.floor.dynamics):
         return found  # dynamics of plugins may change which zones are reached
     reach = reach_of(mission, model)
     if reach is None or not reach.reached.any():
         return found
     floor = mission.realise_floor(generator(0, "floor"))
-    places = [*_zones(mission, model, floor, reach), *_shared(mission, floor, reach)]
-    return found + (_with_score(mission, places) if score_can_differ(mission, reach) is False else places)
+    places = [*_zones(mission, model, floor, reach)]
+    for where, one in mission.placed_objectives():
+        places += _shared(mission, floor, reach, where, one)
+    for where, one in mission.placed_objectives():
+        if score_can_differ(mission, one, reach) is False:
+            places = _with_score(mission, places, where, one)
+    return found + places
 
 
 def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
@@ -74,20 +82,22 @@ def angle_warnings(record: Mission | RobotModel) -> Iterator[MissionWarning]:
         yield MissionWarning(f"{record.where(path)}: {value:g} rad {what}; {meant}")
 
 
-def _unseen_walls(mission: Mission, model: RobotModel) -> Iterator[MissionWarning]:
+def _unseen_walls(
+    mission: Mission, model: RobotModel, where_scored: str, objective: Objective
+) -> Iterator[MissionWarning]:
     """Warn of walls and boxes that are lower than the lidar, if the objective is about what lidars see."""
-    if mission.objective.name not in _OF_LIDARS:
+    if objective.name not in _OF_LIDARS:
         return
     if model.lidar is None:
-        what = f"{mission.objective.name} needs robots with a lidar, and {model.name} has none"
-        yield MissionWarning(f"{mission.where('objective')}: {what}", is_impossible=True)
+        what = f"{objective.name} needs robots with a lidar, and {model.name} has none"
+        yield MissionWarning(f"{mission.where(where_scored)}: {what}", is_impossible=True)
         return
     arena, height = mission.arena, model.lidar.height
     over = f"the lidar of {model.name}, at {height:g} m, looks over them"
     low = [f"arena.obstacles[{k}].height" for k, box in enumerate(arena.obstacles) if box.height <= height]
     low = ["arena.wall_height"] * (arena.wall_height <= height) + low
     if len(low) == 1 + len(arena.obstacles):
-        is_impossible = mission.objective.name == "seen_walls"
+        is_impossible = objective.name == "seen_walls"
         if is_impossible or arena.room is None:
             needs = "the objective needs walls or boxes that lidars see" if is_impossible else "lidars see no wall"
             where = mission.where("arena.wall_height")
@@ -101,7 +111,7 @@ def _unseen_walls(mission: Mission, model: RobotModel) -> Iterator[MissionWarnin
 
 def _zones(mission: Mission, model: RobotModel, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
     """Warn of zones that are outside the walls, partly or completely, or out of reach."""
-    counted = {name for _, name in mission.objective.zones()}
+    counted = {name for one in mission.all_objectives for _, name in one.zones()}
     size = 2.0 * min(model.body.half_size)
     for index, (zone, rows) in enumerate(mission.floor.with_rows()):
         called = f"zone '{zone.name}'" if zone.name else "this zone"
@@ -139,9 +149,11 @@ def _share_outside(mission: Mission, floor: FloorTable, rows: range) -> float:
     return 1.0 - inside / total if total else 0.0
 
 
-def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[MissionWarning]:
+def _shared(
+    mission: Mission, floor: FloorTable, reach: Reach, where_scored: str, objective: Objective
+) -> Iterator[MissionWarning]:
     """Warn of nests that are also sources: a robot there is at the source."""
-    given, zone_rows = mission.objective.parameters, mission.floor.zone_rows()
+    given, zone_rows = objective.parameters, mission.floor.zone_rows()
     if not {"sources", "nests"} <= given.keys():
         return
     sources, nests = (
@@ -150,22 +162,24 @@ def _shared(mission: Mission, floor: FloorTable, reach: Reach) -> Iterator[Missi
     )
     share = np.sum(sources & nests) / max(1, np.sum(nests))
     if share > _MUCH_SHARED:
-        place = mission.where("objective.nests")
+        place = mission.where(f"{where_scored}.nests")
         words = "the nests are sources, too" if share == 1.0 else f"{100.0 * share:.0f} % of the nests are sources, too"
         message = f"{place}: {words}: a robot there is at a source, and brings nothing home"
         yield MissionWarning(message, explains_score=share == 1.0)
 
 
-def _with_score(mission: Mission, places: list[MissionWarning]) -> list[MissionWarning]:
+def _with_score(
+    mission: Mission, places: list[MissionWarning], where_scored: str, objective: Objective
+) -> list[MissionWarning]:
     """Add that all scores are equal: to each warning that is the cause of it, else as a warning on the objective."""
-    is_proved = is_by_zones(mission.objective.function)
+    is_proved = is_by_zones(objective.function)
     same = (
         "every score is the same, whatever the robots do"
         if is_proved
         else f"in {TRACES} made-up experiments every score was the same, whatever the robots did"
     )
     if not any(warning.explains_score for warning in places):
-        return [*places, MissionWarning(f"{mission.where('objective')}: {same}", is_impossible=is_proved)]
+        return [*places, MissionWarning(f"{mission.where(where_scored)}: {same}", is_impossible=is_proved)]
     return [
         replace(warning, message=f"{warning.message}; so {same}", is_impossible=is_proved or warning.is_impossible)
         if warning.explains_score

@@ -10,6 +10,7 @@ from mercator_design.arrays import Floats
 from mercator_design.errors import MercatorError
 from mercator_design.missions.floor import FloorTable
 from mercator_design.missions.mission import Mission
+from mercator_design.missions.objectives.scoring import Objective
 from mercator_design.missions.trace import Trace
 from mercator_design.missions.zone_distance import border_points, distance_to
 from mercator_design.seeds import generator
@@ -22,12 +23,12 @@ _NEAR = 0.3
 """[m] around a place, for robots that keep together."""
 
 
-def score_can_differ(mission: Mission, reach: Reach) -> bool | None:
+def score_can_differ(mission: Mission, objective: Objective, reach: Reach) -> bool | None:
     """Whether two of TRACES traces have different scores; None if the objective cannot be tried on these."""
     rng = np.random.default_rng(0)
     floor = mission.realise_floor(generator(0, "floor"))
     everywhere = reach.centres(reach.reached)
-    pools, zones = _pools(floor, reach), _zones(mission, floor, reach)
+    pools, zones = _pools(floor, reach), _zones(mission, objective, floor, reach)
     cycles = min(mission.cycles, _CYCLES)
     scores: set[float] = set()
     for number in range(TRACES):
@@ -40,7 +41,7 @@ def score_can_differ(mission: Mission, reach: Reach) -> bool | None:
             control_period=mission.duration / cycles,
         )
         try:
-            scores.add(mission.objective(trace))
+            scores.add(objective(trace))
         except MercatorError:  # it needs readings of devices, or is wrong; a run will show
             return None
         if len(scores) > 1:
@@ -65,11 +66,11 @@ def _pools(floor: FloorTable, reach: Reach) -> list[Floats]:
     return [pool for pool in pools if len(pool)]
 
 
-def _zones(mission: Mission, floor: FloorTable, reach: Reach) -> list[Floats]:
+def _zones(mission: Mission, objective: Objective, floor: FloorTable, reach: Reach) -> list[Floats]:
     """Places within reach (n, 2) in each zone that the objective names, if there are some."""
     zone_rows = mission.floor.zone_rows()
     pools = []
-    for _, name in mission.objective.zones():
+    for _, name in objective.zones():
         for row in zone_rows[name]:
             places = reach.centres(reach.cells_of(floor, row) & reach.reached)
             if not len(places) and reach.is_reached(floor, row):

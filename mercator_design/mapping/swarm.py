@@ -12,6 +12,7 @@ from mercator_design.mapping.frames.joining import Joined, join
 from mercator_design.mapping.frames.links import FrameLink
 from mercator_design.mapping.front.lag import track_of
 from mercator_design.mapping.joint.refinement import Refined, refine
+from mercator_design.mapping.joint.uncertainty import SAMPLES, uncertainty_of
 from mercator_design.mapping.logs import RobotLog
 from mercator_design.mapping.loops.closures import close_loops
 from mercator_design.mapping.poses import compose, inverse
@@ -38,6 +39,8 @@ class SwarmMap:
     furniture: tuple[Flags, ...]  # of each track: (s,) which of its small clusters are furniture
     links: tuple[FrameLink, ...]  # between fragments, also those that were refused
     messages: tuple[str, ...]
+    covariances: tuple[Floats, ...]  # of each track: (k, 3, 3) of its keyframes, as of joint.uncertainty
+    frame_covariances: tuple[Floats, ...]  # of each track: (segments, 3, 3) against the first one in the map
 
     @property
     def n_maps(self) -> int:
@@ -110,6 +113,8 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
     maps = [np.full(track.n_segments, -1) for track in tracks]
     offsets: dict[int, float] = {}  # by number of the track; those of its largest map hold
     scales: dict[str, float] = {}
+    covariances = [np.zeros((len(track.keyframes.turns), 3, 3)) for track in tracks]
+    frames = [np.zeros((track.n_segments, 3, 3)) for track in tracks]
     for number, component in enumerate(joined.components):
         parts = [joined.parts[k] for k in component.members]
         result = refine(
@@ -117,9 +122,14 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
             component.frames,
             component.offsets,
             generator,
+            samples=SAMPLES,
             report=_part(say, "keyframes", number, len(joined.components)),
         )
         frame = _given_frame(joined, component.members, result)
+        uncertain = uncertainty_of([compose(frame, poses) for poses in result.poses], result.motions)
+        for part, k, *spread in zip(parts, component.members, *uncertain, strict=True):
+            covariances[number_of[k]][tracks[number_of[k]].keyframes.segments == part.segment] = spread[0]
+            frames[number_of[k]][part.segment] = spread[1]
         for part, k, poses, place in zip(parts, component.members, result.poses, component.frames, strict=True):
             own = number_of[k]
             found[own][tracks[own].keyframes.segments == part.segment] = compose(frame, poses)
@@ -137,7 +147,10 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
         turns = changed[own].segments == segment
         changed[own].poses[turns] = compose(place, changed[own].poses[turns])
     clocks = np.array([offsets.get(own, 0.0) for own in range(len(tracks))])
-    return SwarmMap(tuple(changed), tuple(maps), clocks, joined.furniture, joined.links, joined.messages)
+    return SwarmMap(
+        *(tuple(changed), tuple(maps), clocks, joined.furniture, joined.links, joined.messages),
+        *(tuple(covariances), tuple(frames)),
+    )
 
 
 def _given_frame(joined: Joined, members: Sequence[int], result: Refined) -> Floats:

@@ -20,6 +20,7 @@ from mercator_design.mapping.joint.kernels import (
 from mercator_design.mapping.joint.pairing import pairs_of_nodes
 from mercator_design.mapping.joint.sightings import SightingFactors, sighting_factors
 from mercator_design.mapping.joint.solving import solve
+from mercator_design.mapping.joint.uncertainty import sampled
 from mercator_design.mapping.poses import between, compose, interpolate, wrap
 from mercator_design.mapping.track import Points
 
@@ -50,6 +51,7 @@ class Refined(NamedTuple):
     scales: dict[str, float]  # of each robot, by the name of its log: the factor of its odometry's distances
     pairs: int  # pairs of keyframes that held in the last round
     sightings: int
+    motions: Floats  # (samples, sum of k, 3) draws of small motions of the keyframes, as uncertain as they are
 
 
 class _Nodes(NamedTuple):
@@ -72,6 +74,7 @@ def refine(
     *,
     with_sightings: bool = True,
     rounds: int = ROUNDS,
+    samples: int = 0,
     report: Callable[[float], None] | None = None,
 ) -> Refined:
     """Refine the keyframes of the parts of a component.
@@ -83,6 +86,7 @@ def refine(
         generator: Draws the pairs.
         with_sightings: Whether sightings of robots count.
         rounds: Each has new pairs.
+        samples: How many draws there are of how uncertain the poses are.
         report: Called with the share that is done.
     """
     nodes = _nodes(parts, frames)
@@ -94,7 +98,7 @@ def refine(
     )
     is_sparse = bool(len(raw) and np.median(np.hypot(raw[:, 0], raw[:, 1])) > _SPARSE)
     sigma, wanted = (SPARSE_POINT_SD, SPARSE_NEIGHBOURS) if is_sparse else (POINT_SD, NEIGHBOURS)
-    held = 0
+    held, motions = 0, np.zeros((samples, len(poses), 3))
     for number in range(rounds if len(poses) > 1 else 0):
         progress = number / max(rounds - 1, 1)
         gate, scale = (low * (high / low) ** progress for low, high in (GATES, SCALES))
@@ -103,14 +107,18 @@ def refine(
         )
         measured = _scaled(raw, [scales[parts[k].track.log.name] for k in nodes.parts[edges[:, 0]]])
         for _ in range(STEPS):
-            held, change = _step(nodes, poses, pairs, edges, measured, seen, gate, scale, sigma)
-            poses = compose(poses, change)
+            held, equations = _equations(nodes, poses, pairs, edges, measured, seen, gate, scale, sigma)
+            poses = compose(poses, solve(poses, *equations))
             poses[:, 2] = wrap(poses[:, 2])
         scales |= _estimated_scales(parts, nodes, poses, edges, raw)
+        if number == rounds - 1:
+            together, information, _ = equations
+            motions = sampled(poses, together, information, samples, generator)
         if report:
             report((number + 1) / rounds)
     ends = np.searchsorted(nodes.parts, np.arange(len(parts) + 1))
-    return Refined([poses[low:high] for low, high in itertools.pairwise(ends)], scales, held, len(seen.pairs))
+    found = [poses[low:high] for low, high in itertools.pairwise(ends)]
+    return Refined(found, scales, held, len(seen.pairs), motions)
 
 
 def _keyframe_times(parts: Sequence[Fragment]) -> list[Floats]:
@@ -171,7 +179,7 @@ def _deviations(motions: Floats) -> Floats:
     return np.column_stack([place, place, 0.02 + 0.03 * turned + 0.04 * step])
 
 
-def _step(
+def _equations(
     nodes: _Nodes,
     poses: Floats,
     pairs: Numbers,
@@ -181,8 +189,8 @@ def _step(
     gate: float,
     scale: float,
     sigma: float,
-) -> tuple[int, Floats]:
-    """How many pairs hold, and the small motions (k, 3) of all keyframes."""
+) -> tuple[int, tuple[Numbers, Floats, Floats]]:
+    """How many pairs hold, and the pairs (m, 2), information (m, 3, 3) and gradients (m, 3) of all factors."""
     n, m = len(pairs), len(edges)
     together = np.concatenate([pairs, edges, seen.pairs])
     information, gradients = np.zeros((len(together), 3, 3)), np.zeros((len(together), 3))
@@ -198,7 +206,7 @@ def _step(
         *(poses, seen.pairs, seen.heads, seen.places, SIGHTING_SD, 3.0 * SIGHTING_SD),
         *(information[n + m :], gradients[n + m :]),
     )
-    return held, solve(poses, together, information, gradients)
+    return held, (together, information, gradients)
 
 
 def _estimated_scales(

@@ -106,8 +106,7 @@ def error_of(ways: Sequence[Way], *, at_keyframes: bool = False) -> AbsoluteErro
     """
     estimates, truths = [], []
     for way in ways:
-        keyframes = way.track.keyframes.turns[way.keyframes]
-        found, times = (way.keyframe_poses, way.track.times[keyframes]) if at_keyframes else (way.poses, way.times)
+        found, times = (way.keyframe_poses, way.keyframe_times) if at_keyframes else (way.poses, way.times)
         estimates.append(found)
         truths.append(truth_of(way, times))
     return swarm_error(estimates, truths) if sum(map(len, estimates)) > 1 else None

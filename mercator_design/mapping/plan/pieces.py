@@ -70,7 +70,7 @@ def looks_at(pieces: Floats, ways: Sequence[Way]) -> Looks:
         return Looks(first, 0.0)
     tree = cKDTree(pieces[:, :2])
     for way in ways:
-        times = way.track.times[way.track.keyframes.turns[way.keyframes]] - way.offset
+        times = way.keyframe_times - way.offset
         sharp = sharp_keyframes(way)
         for k, (pose, number) in enumerate(zip(way.keyframe_poses, way.keyframes.tolist(), strict=True)):
             points, normals = (one.astype(float) for one in way.track.keyframes.of(number))

@@ -66,7 +66,8 @@ def _ways(swarm: SwarmMap, number: int) -> list[Way]:
             found.append(
                 Way(
                     *(name, track, own, track.times[own], track.poses[own], np.zeros(len(own))),
-                    *(keyframes, swarm.furniture[k], float(swarm.offsets[k])),
+                    *(keyframes, swarm.furniture[k], swarm.covariances[k][keyframes]),
+                    *(swarm.frame_covariances[k][segment], float(swarm.offsets[k])),
                 )
             )
     return found

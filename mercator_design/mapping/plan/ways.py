@@ -31,6 +31,8 @@ class Way:
     shares: Floats  # (n,) of the points that match the map; 0: it was not matched
     keyframes: Numbers  # (k,) their numbers among the keyframes of the track
     furniture: Flags  # (s,) which clusters of the track are furniture
+    covariances: Floats  # (k, 3, 3) [m, m, rad] of the poses of its keyframes, in the whole map
+    frame_covariance: Floats  # (3, 3) of the middle of the way and its heading, against those of the map's first robot
     offset: float = 0.0  # [s] the robot's clock is ahead of that of the map by this
 
     @property
@@ -45,6 +47,11 @@ class Way:
     def preparation(self) -> Preparation:
         """Preparation of its turns, with its lag and scale."""
         return Preparation(self.log, self.track.lag, self.track.scale)
+
+    @property
+    def keyframe_times(self) -> Floats:
+        """The times (k,) [s] of its keyframes on the robot's clock."""
+        return self.track.times[self.track.keyframes.turns[self.keyframes]]
 
     @property
     def keyframe_poses(self) -> Floats:

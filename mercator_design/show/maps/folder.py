@@ -70,6 +70,7 @@ def _write(folder: Path, number: int, plan: Plan, picture: bytes) -> list[Path]:
         cells: formats.pgm_of(plan.occupancy),
         folder / f"map{end}.yaml": formats.yaml_of(plan.occupancy, cells.name).encode(),
         folder / f"walls{end}.geojson": formats.geojson_of(plan).encode(),
+        folder / f"keyframes{end}.csv": formats.keyframes_csv(plan).encode(),
         folder / f"surfels{end}.csv": formats.surfels_csv(plan.pieces).encode(),
     }
     for way in plan.ways:

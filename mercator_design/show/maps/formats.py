@@ -13,6 +13,9 @@ from mercator_design.system.csv_text import csv_text
 
 _OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254  # levels of gray, as map_saver writes them
 
+_AXES = ("x", "y", "yaw")
+_COVARIANCES = (("x", "x"), ("x", "y"), ("y", "y"), ("x", "yaw"), ("y", "yaw"), ("yaw", "yaw"))
+
 
 def pgm_of(grid: OccupancyGrid) -> bytes:
     """The cells as a picture of levels of gray (P5); its first row is at the largest y."""
@@ -62,6 +65,18 @@ def _feature(points: Floats | list[Floats], properties: dict[str, object]) -> di
         "properties": properties,
         "geometry": {"type": "LineString", "coordinates": coordinates},
     }
+
+
+def keyframes_csv(plan: Plan) -> str:
+    """The keyframes of all robots with the covariances of their poses in the whole map [s, m, rad]."""
+    header = ("robot", "time", "x", "y", "yaw", *(f"{name}_{other}" for name, other in _COVARIANCES))
+    rows: list[tuple[object, ...]] = [header]
+    for way in plan.ways:
+        times, poses = (way.keyframe_times - way.offset).tolist(), way.keyframe_poses.tolist()
+        for time, pose, spread in zip(times, poses, way.covariances, strict=True):
+            entries = (f"{spread[_AXES.index(one), _AXES.index(other)]:.4g}" for one, other in _COVARIANCES)
+            rows.append((way.name, f"{time:.6f}", *(f"{value:.6f}" for value in pose), *entries))
+    return csv_text(rows)
 
 
 def surfels_csv(pieces: Floats) -> str:

@@ -16,6 +16,7 @@ from mercator_design.missions.floor import Floor
 from mercator_design.missions.trace import Trace
 from mercator_design.results.experiments.experiment import ShownExperiment, check_extent
 from mercator_design.show.charts import STYLE, Axis, ChartLine, line_chart
+from mercator_design.show.maps.picture import magnification_of
 from mercator_design.show.maps.summary import RELATIVE
 from mercator_design.show.page import document, script_json, viewer_script, viewer_style
 from mercator_design.show.replay import Replay, replay_of
@@ -44,8 +45,8 @@ def page_of(
     names = [f"Map {number}" if len(plans) > 1 else "The map" for number in range(1, len(plans) + 1)]
     parts = [section("messages", "What to know", *map(note, found["messages"]))] if found["messages"] else []
     parts += [
-        _map_section(number, name, facts, picture)
-        for number, (name, facts, picture) in enumerate(zip(names, found["maps"], pictures, strict=True))
+        _map_section(number, name, facts, picture, magnification_of(plan))
+        for number, (name, facts, picture, plan) in enumerate(zip(names, found["maps"], pictures, plans, strict=True))
     ]
     replays, players = [], []
     for name, plan in zip(names, plans, strict=True):
@@ -63,7 +64,7 @@ def page_of(
     return document(title, styles, f"{head}\n<main>{body}</main>", f"{viewer_script()}\n{asset('page.js')}")
 
 
-def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes) -> Html:
+def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes, magnification: float) -> Html:
     source = f"data:image/png;base64,{base64.b64encode(picture).decode()}"
     width, height = facts["size"]
     about = (
@@ -71,18 +72,31 @@ def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes) 
         f"{1e3 * facts['residual']:.1f} mm (rms) from them: their noise, and what is uncertain in the poses."
     )
     robots = table(
-        ("robot", "turns", "matched", "way [m]", "odometry's scale", "lag [ms]", "clock [ms]"),
+        ("robot", "turns", "matched", "way [m]", "odometry's scale", "lag [ms]", "clock [ms]", "keyframes", "frame"),
         [
             (
                 *(one["name"], one["turns"], f"{100 * one['matched']:.1f} %", f"{one['path']:.1f}"),
                 *(f"{one['odometry_scale']:.3f}", f"{1e3 * one['lag']:.1f}", f"{1e3 * one['clock_offset']:+.1f}"),
+                *(_deviation(one["keyframe_sd"]), _deviation(one["frame_sd"])),
             )
             for one in facts["robots"]
         ],
     )
+    uncertain = note(
+        f"Ellipses are where keyframes were with 95 %, drawn {magnification:g} times as large. The table has standard "
+        "deviations: of keyframes in the whole map, and of the robot's frame against that of the first robot."
+    )
     image = Html(f'<p><img src="{source}" alt="{name}, from above" style="max-width: 100%"></p>')
     known = _truth_parts(facts["truth"]) if facts["truth"] else []
-    return section(f"map{number + 1}", name, note(about), image, robots, *known)
+    return section(f"map{number + 1}", name, note(about), image, uncertain, robots, *known)
+
+
+def _deviation(deviations: list[float] | None) -> str:
+    """A place and a heading in words."""
+    if deviations is None:
+        return ""
+    x, y, heading = deviations
+    return f"{1e3 * math.hypot(x, y):.1f} mm, {math.degrees(heading):.2f}\N{DEGREE SIGN}"
 
 
 def _truth_parts(truth: dict[str, Any]) -> list[Html]:

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
 from mercator_design.mapping.front.surfels import CELL
 from mercator_design.mapping.plan.plans import Plan
-from mercator_design.show.charts import COLOURS
+from mercator_design.show.charts import COLOURS, rounded_up
 from mercator_design.show.maps.summary import known
 from mercator_design.show.pictures.figures import file_of, house_style
 
@@ -19,6 +19,9 @@ UNKNOWN = 0.88
 _WALL = "#1c2430"
 _MAX_WIDTH, _MAX_HEIGHT = 9.0, 8.0  # inches
 _MARGIN = 0.15  # [m]
+_ELLIPSE = math.sqrt(5.991)  # standard deviations of an ellipse of 95 %
+_ELLIPSE_SHARE = 0.01  # of the picture's width that half a usual ellipse takes
+_MAX_ELLIPSES = 30  # of a robot
 
 
 def picture_of(plan: Plan, caption: str = "") -> bytes:
@@ -30,6 +33,7 @@ def picture_of(plan: Plan, caption: str = "") -> bytes:
         figure = Figure(figsize=(max(3.0, scale * width), max(2.5, scale * height)), layout="constrained")
         axes = figure.add_subplot()
         draw_map(axes, plan)
+        _draw_ellipses(axes, plan)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         _draw_scale(axes, float(width), low)
@@ -57,6 +61,40 @@ def draw_map(axes: Axes, plan: Plan) -> None:
         axes.legend(fontsize=6, loc="upper right", framealpha=0.9)
     axes.set_aspect("equal")
     axes.set_axis_off()
+
+
+def magnification_of(plan: Plan) -> float:
+    """How many times as large as they are ellipses are drawn, to be seen: 1, 2, 5, 10 and so on."""
+    covariances = np.concatenate([np.zeros((0, 3, 3)), *(way.covariances for way in plan.ways)])
+    if not covariances[:, :2, :2].any():
+        return 1.0
+    low, high = _limits(plan)
+    usual = _ELLIPSE * math.sqrt(float(np.median(covariances[:, 0, 0] + covariances[:, 1, 1])))
+    return max(1.0, rounded_up(_ELLIPSE_SHARE * float((high - low).max()) / max(usual, 1e-6)))
+
+
+def _draw_ellipses(axes: Axes, plan: Plan) -> None:
+    """Draw where some of the keyframes were with 95 %, magnified."""
+    scale = 2.0 * _ELLIPSE * magnification_of(plan)
+    for number, way in enumerate(plan.ways):
+        every = max(1, math.ceil(len(way.keyframes) / _MAX_ELLIPSES))
+        places = way.keyframe_poses[::every, :2]
+        values, vectors = np.linalg.eigh(way.covariances[::every, :2, :2])
+        widths, heights = scale * np.sqrt(np.maximum(values.T, 0.0))
+        angles = np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
+        colour = COLOURS[number % len(COLOURS)]
+        axes.add_collection(
+            EllipseCollection(
+                *(widths, heights, angles),
+                units="xy",
+                offsets=places,
+                offset_transform=axes.transData,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=0.5,
+                zorder=4,
+            )
+        )
 
 
 def _limits(plan: Plan) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """The figures of a map: robots, walls, clocks and, where the truth is known, errors."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,14 @@ def _of_way(way: Way) -> dict[str, Any]:
         "clock_offset": round(way.offset, 4),
         "lag": round(way.track.lag, 4),
         "odometry_scale": round(way.track.scale, 4),
+        "keyframe_sd": _deviations(np.mean(way.covariances, axis=0)) if len(way.covariances) else None,
+        "frame_sd": _deviations(way.frame_covariance),
     }
+
+
+def _deviations(covariance: Floats) -> list[float]:
+    """Standard deviations x, y [m], heading [rad] of a covariance (3, 3)."""
+    return [round(float(deviation), 6) for deviation in np.sqrt(np.diag(covariance))]
 
 
 def _absolute(error: AbsoluteError) -> dict[str, float]:
@@ -127,10 +135,17 @@ def text(found: dict[str, Any]) -> str:
             lines.append(
                 f"  {one['name']}: {one['turns']} {'turn' if one['turns'] == 1 else 'turns'}, "
                 f"{100 * one['matched']:.1f} % matched, {one['path']:.1f} m, "
-                f"odometry x {one['odometry_scale']:.3f}{clock}"
+                f"odometry x {one['odometry_scale']:.3f}{clock}{_uncertain(one['keyframe_sd'])}"
             )
         lines += _truth_lines(plan["truth"]) if plan["truth"] else []
     return "\n".join([*lines, *found["messages"]])
+
+
+def _uncertain(deviations: list[float] | None) -> str:
+    if deviations is None:
+        return ""
+    x, y, heading = deviations
+    return f", +-{1e3 * math.hypot(x, y):.1f} mm, {math.degrees(heading):.2f} degrees"
 
 
 RELATIVE = {

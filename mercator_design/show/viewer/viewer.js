@@ -452,7 +452,7 @@ const MercatorReplay = (() => {
 
     /** The pieces of walls that the robots' lidars have seen so far: the ends of each, and the cycle that saw it first. */
     drawMap(context, cycle) {
-      context.strokeStyle = css(this.canvas, "--wall");
+      context.strokeStyle = css(this.canvas, "--mapped");
       context.lineWidth = Math.max(0.015, 2 * this.pixel * density());
       context.beginPath();
       for (const [x, y, u, v, first] of this.replay.map) {

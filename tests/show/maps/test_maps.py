@@ -23,6 +23,7 @@ from mercator_design.mapping.swarm import map_swarm
 from mercator_design.show.maps import formats
 from mercator_design.show.maps.folder import write_maps
 from mercator_design.show.maps.page import growing
+from mercator_design.show.maps.picture import magnification_of
 from mercator_design.show.maps.summary import text
 from mercator_design.sim.robot_model import load_robot_model
 from tests.mapping import analytic
@@ -85,12 +86,32 @@ def test_pieces_as_csv(plan):
     assert np.array(rows, float)[:, :2] == pytest.approx(plan.pieces[:, :2], abs=1e-4)
 
 
+def test_keyframes_with_their_covariances(plan):
+    header, *rows = csv.reader(io.StringIO(formats.keyframes_csv(plan)))
+    (way,) = plan.ways
+    assert header == ["robot", "time", "x", "y", "yaw", "x_x", "x_y", "y_y", "x_yaw", "y_yaw", "yaw_yaw"]
+    assert len(rows) == len(way.keyframes) > 5
+    values = np.array([row[1:] for row in rows], float)
+    assert values[:, 1:4] == pytest.approx(way.keyframe_poses, abs=1e-5)
+    assert values[:, 5] == pytest.approx(way.covariances[:, 0, 1], rel=1e-3)
+    assert (values[:, [4, 6, 9]] > 0.0).all()
+
+
+def test_ellipses_are_magnified_until_they_can_be_seen(plan):
+    (way,) = plan.ways
+    assert magnification_of(plan) in {10.0, 20.0, 50.0, 100.0}
+    wide = replace(plan, ways=(replace(way, covariances=1e6 * way.covariances),))
+    assert magnification_of(wide) == 1.0
+    unknown = replace(plan, ways=(replace(way, covariances=0.0 * way.covariances),))
+    assert magnification_of(unknown) == 1.0
+
+
 def test_a_folder(plan, tmp_path):
     """Two maps have files of their own, and a robot's name is no path."""
     found = write_maps(tmp_path / "a" / "b", [plan, plan], ["Two maps."], "a caption")
     names = sorted(file.name for file in (tmp_path / "a" / "b").iterdir())
     ends = [tuple(name.split(".")) for name in names]
-    first = [("map", "pgm"), ("map", "png"), ("map", "yaml"), ("robot-1", "tum")]
+    first = [("keyframes", "csv"), ("map", "pgm"), ("map", "png"), ("map", "yaml"), ("robot-1", "tum")]
     first += [("surfels", "csv"), ("walls", "geojson")]
     second = [(f"{stem}-2", suffix) for stem, suffix in first]
     assert sorted(ends) == sorted([*first, *second, ("report", "html"), ("summary", "json")])

@@ -34,7 +34,7 @@ from mercator_design.plugins.loading import load_plugin, loaded_plugins, plugins
 from mercator_design.plugins.sources import Plugin
 from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
 from mercator_design.race.irace.parameters import parameters_text
-from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS, options_of
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.session.task import RaceResult, Start, Task
 from mercator_design.race.space.relations import ValueIn, ValuePlus
@@ -52,6 +52,8 @@ from mercator_design.system.files import write_text
 
 FLAVOUR_DIGEST = "flavour_digest"
 """Key of a race's start, if its flavour is not shipped."""
+GIVEN_OPTIONS = "given_options"
+"""Key of a race's start, if options of its method were given."""
 TEST_SEED = 1
 """The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
 MAX_SOFTWARE = 1000
@@ -118,11 +120,12 @@ class Designer(Task[tuple[Software, int]]):
         seed: Master seed of all randomness.
         flavour: The flavour of modules.
         method: One of `METHODS`.
+        options: Of the method, by name. [default: its own]
 
     Raises:
         FsmError: if the robot lacks a sensor that a module of the flavour needs.
         MissionError: if the mission is impossible (`Simulator.refuse_impossible`).
-        RaceError: if the budget is too small.
+        RaceError: if the budget is too small, or an option is not valid.
     """
 
     WINNER = "fsm.txt"
@@ -140,6 +143,7 @@ class Designer(Task[tuple[Software, int]]):
         seed: int,
         flavour: str = DEFAULT_FLAVOUR,
         method: str = DEFAULT_METHOD,
+        options: Mapping[str, object] | None = None,
     ) -> None:
         for module in flavour_of(flavour).modules:
             simulator.check_module(module, flavour)
@@ -153,7 +157,9 @@ class Designer(Task[tuple[Software, int]]):
         self.maximise = simulator.mission.direction == "maximise"
         self.possible_scores = simulator.mission.possible_scores()
         self.function = Experimenter(simulator, flavour_of(flavour))
-        self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed)
+        self._options = {**(options or {})}
+        given: dict[str, Any] = {"options": options_of(method, self._options)} if self._options else {}
+        self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed, **given)
         self._software: dict[
             int, tuple[Configuration, Software]
         ] = {}  # by number, which may have been a wrong prediction
@@ -169,7 +175,7 @@ class Designer(Task[tuple[Software, int]]):
         _load_flavour(folder, start)
         simulator = Simulator(load_mission(folder / "mission.yaml"))
         given = {name: start[name] for name in ("budget", "seed", "flavour", "method")}
-        return cls(simulator, **given)
+        return cls(simulator, **given, options=start.get(GIVEN_OPTIONS))
 
     def start(self) -> dict[str, Any]:
         return {
@@ -184,6 +190,7 @@ class Designer(Task[tuple[Software, int]]):
             "flavour": self.flavour,
             **({} if flavour_of(self.flavour).is_shipped else {FLAVOUR_DIGEST: digest_of(flavour_of(self.flavour))}),
             "space_digest": hashlib.sha256(parameters_text(self.optimizer.space).encode()).hexdigest()[:16],
+            **({GIVEN_OPTIONS: self._options} if self._options else {}),
             **super().start(),
         }
 

@@ -4,6 +4,7 @@
       MissionError          3   a mission or robot-model file is not valid
       FsmError              3   a controller's text or structure is not a valid PFSM
       RaceError             1   a race cannot be run
+      StudyError            2   a study's file or folder is not what it should be
       SimulationError       1   an experiment cannot be set up or went wrong
       ProtocolError         1   a command cannot be sent to a device
       RobotError            1   a device of the robot cannot be used
@@ -103,6 +104,12 @@ class FsmError(MercatorError):
 
 class RaceError(MercatorError):
     """A race cannot be run."""
+
+
+class StudyError(MercatorError):
+    """A study's file is not valid, or its folder has another study."""
+
+    exit_code = 2
 
 
 class SimulationError(MercatorError):

@@ -11,7 +11,10 @@ import pytest
 import yaml
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
+from mercator_design.config.loading import parse
+from mercator_design.errors import StudyError
 from mercator_design.missions.mission import parse_mission
+from mercator_design.study.plan import StudyPlan
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -81,8 +84,13 @@ def test_python_in_the_documents_runs(code, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("text", blocks("yaml"))
-def test_missions_in_the_documents_are_valid(text):
-    assert parse_mission(text).robots == yaml.safe_load(text)["robots"]
+def test_missions_and_studies_in_the_documents_are_valid(text):
+    data = yaml.safe_load(text)
+    if "methods" in data:
+        plan = parse(text, StudyPlan, error=StudyError, defaults={"name": "study"})
+        assert list(plan.methods) == list(data["methods"])
+    else:
+        assert parse_mission(text).robots == data["robots"]
 
 
 @pytest.mark.timing

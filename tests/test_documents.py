@@ -148,7 +148,10 @@ def test_every_command_is_there_with_its_options(document):
         depth = 0
         while " ".join([program, *words[: depth + 1]]) in all_commands() and depth < len(words):
             depth += 1
-        command = all_commands()[" ".join([program, *words[:depth]])]
+        name = " ".join([program, *words[:depth]])
+        command = all_commands()[
+            f"{name} {default}" if (default := getattr(all_commands()[name], "default", "")) else name
+        ]
         assert not (isinstance(command, click.Group) and re.match("[a-z]", " ".join(words[depth:]))), (program, words)
         options = {"-h", "--help"}.union(*(parameter.opts for parameter in command.params))
         given = {re.sub(r"[]=].*", "", word.lstrip("[")) for word in words if re.match(r"\[?--?[a-z]", word)}

@@ -35,10 +35,11 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "runs": LazyVerb("mercator_design.cli.races.runs", "List, show, compare, verify and analyse races."),
     "schema": LazyVerb("mercator_design.cli.schema", "Print a JSON Schema, for editors."),
     "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: web pages and an HTTP API."),
+    "study": LazyVerb("mercator_design.cli.study", "Compare methods over missions and repetitions, from one file."),
     "submit": LazyVerb("mercator_design.serve.cli.submit", "Submit a design job to a service."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "users": LazyVerb("mercator_design.serve.cli.users", "Add, list and revoke users of the design service."),
-    "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models and FSM files."),
+    "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models, FSM files and studies."),
     "watch": LazyVerb("mercator_design.cli.races.watch", "Follow a race that another process runs."),
 }
 

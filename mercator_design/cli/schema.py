@@ -1,4 +1,4 @@
-"""mdesign schema: the JSON Schema of missions, robot models and PFSMs, for editors."""
+"""mdesign schema: the JSON Schema of missions, robot models, PFSMs and studies, for editors."""
 
 import json
 
@@ -10,13 +10,14 @@ from mercator_design.config.json_schema import json_schema
 from mercator_design.fsm.yaml_form import NamedPfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import RobotModel
+from mercator_design.study.plan import StudyPlan
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["mission", "robot-model", "fsm"]), default="mission")
+@click.argument("kind", type=click.Choice(["mission", "robot-model", "fsm", "study"]), default="mission")
 @PLUGIN
 def schema(kind: str) -> None:
-    """Print the JSON Schema of a mission, a robot model or an fsm.yaml, for an editor to complete and check such files.
+    """Print the JSON Schema of a mission, a robot model, an fsm.yaml or a study, for an editor to check it.
 
     \b
     mdesign schema > mission.schema.json
@@ -25,6 +26,8 @@ def schema(kind: str) -> None:
     """  # noqa: D301 - click reads the control character
     if kind == "mission":
         found = json_schema(Mission, title="A mission", given=("name",))
+    elif kind == "study":
+        found = json_schema(StudyPlan, title="A study", given=("name",))
     elif kind == "fsm":
         found = json_schema(NamedPfsm, title="A PFSM")
     else:

@@ -12,7 +12,7 @@ from mercator_design.command import FILE, LENIENT, print_error, print_note, prin
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
-from mercator_design.errors import FsmError, MissionError, printable
+from mercator_design.errors import FsmError, MissionError, StudyError, printable
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
@@ -22,6 +22,8 @@ from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.software.architectures import architecture_of
+from mercator_design.study.plan import load_plan
+from mercator_design.study.resolving import resolve
 
 _TRIED = 100  # cycles in which functions of plugins are tried
 
@@ -31,18 +33,18 @@ _TRIED = 100  # cycles in which functions of plugins are tried
 @FLAVOUR
 @LENIENT
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
-    """Check missions, robot models and FSM files.
+    """Check missions, robot models, FSM files and studies.
 
-    Missions, robot models and fsm.yaml are *.yaml, *.yml and names of shipped missions and robot models; all others are
-    fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. An objective or
-    floor dynamic of a plugin is tried on the first 100 cycles of an experiment with robots that stand still. Prints a
-    line for each file. The exit code is 3 if any file is invalid.
+    Missions, robot models, fsm.yaml and studies are *.yaml, *.yml and names of shipped missions and robot models; all
+    others are fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. An
+    objective or floor dynamic of a plugin is tried on the first 100 cycles of an experiment with robots that stand
+    still. Prints a line for each file. The exit code is 3 if any file is invalid.
     """
     invalid = False
     for file in files:
         try:
             print_result(printable(f"{file}: {_validated(file, flavour, lenient)}"))
-        except (MissionError, FsmError) as error:
+        except (MissionError, FsmError, StudyError) as error:
             invalid = True
             print_error(error)
     if invalid:
@@ -54,6 +56,10 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         content = _content(file)
+        if {"methods", "missions"} <= content.keys():
+            layout = resolve(load_plan(file)).layout
+            experiments = sum(map(layout.n_experiments, layout.cells))
+            return f"valid study, {_count(len(layout.cells), 'design')}, {_count(experiments, 'experiment')}"
         keys = set(map(spelling.folded, content))
         if keys & _only_of(Settings, Mission, RobotModel):
             raise MissionError(

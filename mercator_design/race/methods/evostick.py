@@ -42,6 +42,9 @@ class EvoStickOptions:
         elites: Part of the population that is copied, and has children.
         final: Part of the budget for the last population.
         generations: So many of this size need to fit, or population and instances are reduced.
+
+    Raises:
+        RaceError: An option is out of range.
     """
 
     population: int = 100
@@ -49,6 +52,14 @@ class EvoStickOptions:
     elites: float = 0.2
     final: float = 0.1
     generations: int = 9
+
+    def __post_init__(self) -> None:
+        for name, low in (("population", _MIN_POPULATION), ("instances", 1), ("generations", 1)):
+            if (found := getattr(self, name)) < low:
+                raise RaceError(f"race option {name}: expected at least {low}, found {found}")
+        for name in ("elites", "final"):
+            if not 0 <= (found := getattr(self, name)) < 1:
+                raise RaceError(f"race option {name}: expected 0 to below 1, found {found}")
 
     def reduced(self, budget: int) -> tuple[int, int]:
         """Population and instances for a budget."""

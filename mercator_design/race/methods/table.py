@@ -1,11 +1,17 @@
 """The methods by name. A method proposes configurations and decides which of them run on which instances."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from mercator_design.race.methods.evostick import EvoStick
-from mercator_design.race.methods.halving import Halving
+from mercator_design.config import spelling
+from mercator_design.config.json_data import from_json
+from mercator_design.config.schema import fields_of
+from mercator_design.errors import RaceError, excerpt
+from mercator_design.race.elimination.options import RaceOptions
+from mercator_design.race.methods.evostick import EvoStick, EvoStickOptions
+from mercator_design.race.methods.halving import Halving, HalvingOptions
 from mercator_design.race.methods.iterated import IteratedRace
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.methods.optuna_sampler import OptunaSampler
@@ -14,12 +20,21 @@ from mercator_design.race.space.parameter import Bounds, Parameter, Value
 from mercator_design.race.space.space import Space
 from mercator_design.seeds import generator
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 
 class Method(Protocol):
-    """Makes a race over a space, with initial configurations if there are any."""
+    """Makes a race over a space, with initial configurations if there are any, and options if not the method's own."""
 
     def __call__(
-        self, space: Space, *, budget: int, seed: int, initial: Sequence[Mapping[str, Value]] = ()
+        self,
+        space: Space,
+        *,
+        budget: int,
+        seed: int,
+        initial: Sequence[Mapping[str, Value]] = (),
+        options: Any = ...,  # noqa: ANN401 - each method's own dataclass
     ) -> Optimizer: ...
 
 
@@ -46,16 +61,28 @@ def _learning(space: Space, *, budget: int, options: SearchOptions, **given: Any
     return race
 
 
+_UNIFORM = SearchOptions(instances=10, generation=100)
+_LEARNING = SearchOptions(instances=20, generation=10, pruning=0.1)
+
+
 def _optuna(name: Literal["tpe", "cma-es"]) -> Method:
-    options = SearchOptions(instances=20, generation=10, pruning=0.1)
-    return partial(_learning, options=options, sampler=partial(OptunaSampler, name=name))
+    return partial(_learning, options=_LEARNING, sampler=partial(OptunaSampler, name=name))
 
 
 DEFAULT_METHOD = "halving"
+OPTIONS: "Mapping[str, DataclassInstance]" = {
+    "halving": HalvingOptions(),
+    "irace": RaceOptions(),
+    "random": _UNIFORM,
+    "tpe": _LEARNING,
+    "cma-es": _LEARNING,
+    "evostick": EvoStickOptions(),
+}
+"""The options of each method, by default."""
 METHODS: Mapping[str, Method] = {
     "halving": Halving,
     "irace": IteratedRace,
-    "random": partial(Search, options=SearchOptions(instances=10, generation=100), sampler=_uniform),
+    "random": partial(Search, options=_UNIFORM, sampler=_uniform),
     "tpe": _optuna("tpe"),
     "cma-es": _optuna("cma-es"),
     "evostick": EvoStick,
@@ -63,3 +90,27 @@ METHODS: Mapping[str, Method] = {
 """Generations by successive halving; iterated F-race; uniform random search; searches with Optuna's tree-structured
 Parzen estimator and CMA-ES, with the rule of its Wilcoxon pruner; and EvoStick's evolutionary algorithm.
 """
+
+
+def options_of(method: str, given: Mapping[str, object]) -> "DataclassInstance":
+    """The options of a method, of which some are given by name.
+
+    Raises:
+        RaceError: An option is unknown, of another type, or out of range.
+    """
+    default = OPTIONS[method]
+    kinds = fields_of(type(default))
+    wrong, read = list[str](), dict[str, object]()
+    for name, value in given.items():
+        if name not in kinds:
+            near = spelling.nearest(name, [*kinds])
+            hint = f"did you mean '{near}'?" if near else f"known: {', '.join(kinds)}"
+            wrong.append(f"{excerpt(name)}: unknown option of {method}; {hint}")
+            continue
+        try:
+            read[name] = from_json(value, kinds[name][0], error=RaceError, path=name)
+        except RaceError as error:
+            wrong += error.messages
+    if wrong:
+        raise RaceError(*wrong)
+    return replace(default, **read)

@@ -1,0 +1,170 @@
+"""mdesign study run: runs a study, or what is new in it."""
+
+import gc
+import shlex
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
+from mercator_design.cli.options import FOLDER, PLUGIN, PROGRESS
+from mercator_design.cli.races.common import NOTICE, ON_FAILURE
+from mercator_design.cli.races.executors import EXECUTOR, executor_of
+from mercator_design.cli.study.report import write_results
+from mercator_design.cli.study.texts import StudyDisplay, estimate_text, status_text
+from mercator_design.cli.terminal import Interrupt
+from mercator_design.command import FILE, print_message, print_note, print_result, warn
+from mercator_design.race.executors.executor import Executor, ExecutorLost, ExecutorStopped, WorkerUnfit
+from mercator_design.race.session.outcome import OnFailure
+from mercator_design.show.text.progress import Mode
+from mercator_design.study.estimate import estimated
+from mercator_design.study.folder import FACTS, Part, StudyFolder
+from mercator_design.study.plan import StudyPlan, load_plan
+from mercator_design.study.reading import read_status
+from mercator_design.study.resolving import Study, resolve
+from mercator_design.study.running import StudyRun
+
+MIN_REPETITIONS = 2
+"""Designs of a method on a mission below which there are no statistics."""
+
+
+class PartOf(click.ParamType):  # type: ignore[type-arg]  # has no argument in click before 8.2
+    """A part of a study: its number and the number of parts, as 3/20."""
+
+    name = "K/N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Part:  # noqa: ANN401
+        if isinstance(value, Part):
+            return value
+        number, _, n_parts = str(value).partition("/")
+        if number.isdecimal() and n_parts.isdecimal() and 1 <= int(number) <= int(n_parts):
+            return Part(int(number), int(n_parts))
+        raise click.BadParameter(f"expected K/N with K from 1 to N, as 3/20, found '{value}'", ctx, param)
+
+
+@click.command()
+@click.argument("study", type=FILE)
+@click.option("-o", "--output", type=FOLDER, help="Folder of the study.  [default: studies/NAME]")
+@click.option(
+    "--part",
+    type=PartOf(),
+    metavar="K/N",
+    help="Run only the K-th of N parts of the cells: each array task of a cluster has its own. The last one that ends "
+    "writes the page.",
+)
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Run nothing: say what would run, and how long, by a few experiments of each mission.",
+)
+@EXECUTOR
+@ON_FAILURE
+@PLUGIN
+@PROGRESS
+def run(
+    study: Path,
+    output: Path | None,
+    part: Part | None,
+    dry_run: bool,
+    jobs: int | None,
+    executor_name: str,
+    scheduler: str | None,
+    timeout: float | None,
+    on_failure: OnFailure,
+    progress: Mode,
+) -> None:
+    """Run the races of STUDY, a YAML file, and assess their designs; then write the page and the tables.
+
+    Each design is a race in a run folder of its own, below cells/ in the study's folder. The same command resumes a
+    study that was interrupted, whatever interrupted it, and runs what is new in its file: repetitions, methods,
+    missions, budgets, realities, instances.
+    """
+    plan = load_plan(study)
+    executor = executor_of(executor_name, jobs, scheduler, timeout)
+    resolved = checked_study(plan)
+    folder = output or Path("studies") / plan.name
+    if dry_run:
+        print_result(_dry_run(resolved, folder, part, executor.jobs))
+        return
+    run_study(
+        resolved,
+        folder,
+        executor,
+        part=part,
+        executor_name=executor_name,
+        on_failure=on_failure,
+        progress=progress,
+        again=shlex.join(["mdesign", "study", str(study), "-o", str(folder)]),
+    )
+
+
+def checked_study(plan: StudyPlan) -> Study:
+    """What a plan names, with warnings of what is probably a mistake.
+
+    Raises:
+        StudyError: see `resolve`.
+    """
+    study = resolve(plan)
+    for mission in study.missions.values():
+        warn_of_mission(mission.simulator, refuse=False)
+        for flavour in {method.flavour: None for method in study.methods.values() if not method.made}:
+            warn_of_no_effect(mission.simulator, flavour)
+    if 0 < study.layout.repetitions < MIN_REPETITIONS:
+        warn(
+            f"{plan.where('repetitions')}: one design of each method on a mission gives no statistics: there is no "
+            "spread between designs; expected 2 or more, in publications 10 or 20"
+        )
+    return study
+
+
+def run_study(
+    study: Study,
+    path: Path,
+    executor: Executor,
+    *,
+    part: Part | None,
+    executor_name: str,
+    on_failure: OnFailure,
+    progress: Mode,
+    again: str,
+) -> None:
+    """Run the cells of a study, or a part of them, and write its results if all are done; `again` resumes it."""
+    layout = study.layout
+    cells = layout.cells if part is None else layout.part(part.number, part.n_parts)
+    with StudyFolder.open(path, study, part) as folder, Interrupt(then=executor.stop, notice=NOTICE) as interrupt:
+        gc.freeze()  # what was imported stays: else a full collection looks through it while all workers wait
+        try:
+            with executor, StudyDisplay(study.plan.name, 0, progress) as display:
+                StudyRun(
+                    study,
+                    folder,
+                    executor,
+                    cells=cells,
+                    executor_name=executor_name,
+                    on_failure=on_failure,
+                    announce=print_note,
+                    watch=display.note,
+                    stopped=interrupt.came,
+                ).run()
+        except (ExecutorStopped, ExecutorLost, WorkerUnfit) as error:
+            message = f"{path}: what has run is kept; to resume: {again}"
+            if isinstance(error, ExecutorStopped):
+                interrupt.check(message)
+            else:
+                print_message(message)
+            raise
+        status = read_status(path)
+        print_result(status_text(status, layout))
+        if status.is_done:
+            write_results(path)
+        else:
+            print_note("Note: the page and the tables are written when the other parts have ended")
+
+
+def _dry_run(study: Study, path: Path, part: Part | None, jobs: int) -> str:
+    layout = study.layout
+    cells = layout.cells if part is None else layout.part(part.number, part.n_parts)
+    known = {one.cell: one for one in read_status(path).cells} if (path / FACTS).exists() else {}
+    left = {cell: layout.n_experiments(cell) - (known[cell].done if cell in known else 0) for cell in cells}
+    return estimate_text(study.plan.name, layout, estimated(study, left, jobs, announce=print_note), len(cells))

@@ -1,0 +1,120 @@
+"""What a study's folder has so far: its table, and the state of each cell. Nothing is locked or run."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+
+from mercator_design.errors import RaceError, StudyError
+from mercator_design.race.session.journal import is_locked
+from mercator_design.results.files import JOURNAL, read_journal, read_provenance
+from mercator_design.results.provenance import PROVENANCE
+from mercator_design.study.assessment import n_missing, read_assessment
+from mercator_design.study.folder import CELLS, StudyFacts, read_facts
+from mercator_design.study.layout import Cell
+from mercator_design.study.table import RUN_COLUMNS, StudyTable
+
+State = Literal["to run", "interrupted", "running", "to assess", "done"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellStatus:
+    """The state of a cell, and how many of its experiments have run."""
+
+    cell: Cell
+    state: State
+    done: int
+    total: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyStatus:
+    """The state of a study."""
+
+    name: str
+    cells: tuple[CellStatus, ...]
+
+    @property
+    def counts(self) -> Mapping[State, int]:
+        """The number of cells in each state."""
+        return Counter(one.state for one in self.cells)
+
+    @property
+    def is_done(self) -> bool:
+        return all(one.state == "done" for one in self.cells)
+
+    @property
+    def done(self) -> int:
+        """Experiments that have run."""
+        return sum(one.done for one in self.cells)
+
+    @property
+    def total(self) -> int:
+        """Experiments in all."""
+        return sum(one.total for one in self.cells)
+
+
+def read_status(path: Path) -> StudyStatus:
+    """The state of a study, which other processes may be running.
+
+    Raises:
+        StudyError: It is no study's folder, or something in it is damaged.
+    """
+    facts = read_facts(path)
+    return StudyStatus(name=facts.name, cells=tuple(_status(path, facts, cell) for cell in facts.layout.cells))
+
+
+def _status(path: Path, facts: StudyFacts, cell: Cell) -> CellStatus:
+    folder, layout = path / CELLS / cell.path, facts.layout
+    assessment = read_assessment(folder)
+    missing = n_missing(assessment, layout.realities, layout.runs)
+    total = layout.n_experiments(cell)
+
+    def status(state: State, left: int) -> CellStatus:
+        return CellStatus(cell=cell, state=state, done=total - left, total=total)
+
+    if not missing and assessment is not None:
+        return status("done", 0)
+    if not cell.budget:
+        return status("to assess" if assessment is not None else "to run", missing)
+    if not (folder / PROVENANCE).exists():
+        return status("to run", total)
+    try:
+        if read_provenance(folder).finished:
+            return status("to assess", missing)
+        n_raced = len(read_journal(folder).record.experiments)
+    except RaceError as error:
+        raise StudyError(*error.messages) from None
+    return status("running" if is_locked(folder / JOURNAL) else "interrupted", missing + cell.budget - n_raced)
+
+
+def study_table(path: Path) -> StudyTable:
+    """The table of all designs that are assessed in all realities.
+
+    Raises:
+        StudyError: There is no such design, it is no study's folder, or something in it is damaged.
+    """
+    facts = read_facts(path)
+    layout, rows = facts.layout, list[tuple[Any, ...]]()
+    for cell in layout.cells:
+        found, mission = read_assessment(path / CELLS / cell.path), layout.missions[cell.mission]
+        if found is None or n_missing(found, layout.realities, layout.runs):
+            continue
+        start = (cell.method, mission.name, mission.robot_model, cell.budget, cell.repetition, layout.race_seed(cell))
+        rows += (
+            (*start, reality, instance, score)
+            for reality in layout.realities
+            for instance, score in enumerate(found.scores[reality][: layout.runs])
+        )
+    if not rows:
+        raise StudyError(f"{path}: expected designs that are assessed, found none yet")
+    missions = {one.name: one for one in layout.missions.values()}
+    return StudyTable(
+        name=facts.name,
+        runs=pd.DataFrame(rows, columns=list(RUN_COLUMNS)),
+        directions={name: "maximise" if one.maximise else "minimise" for name, one in missions.items()},
+        limits={name: (one.low, one.high) for name, one in missions.items()},
+    )

@@ -1,0 +1,363 @@
+"""mdesign study: cells, resuming, growing, refusals, parts."""
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import pandas as pd
+import pytest
+import yaml
+
+from mercator_design.config.loading import parse
+from mercator_design.errors import StudyError
+from mercator_design.race.executors.executor import ExecutorStopped
+from mercator_design.race.executors.threads import ThreadExecutor
+from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.study.assessment import ASSESSMENT, read_assessment
+from mercator_design.study.folder import Part, StudyFolder
+from mercator_design.study.layout import Cell
+from mercator_design.study.plan import StudyPlan, load_plan
+from mercator_design.study.reading import read_status, study_table
+from mercator_design.study.resolving import resolve
+from mercator_design.study.running import StudyRun
+from mercator_design.study.sampling import sampled_reality
+
+pytestmark = pytest.mark.together
+
+PLAN = """
+schema: 1
+budgets: [40]
+repetitions: 2
+methods:
+  halving: {}
+  random: {method: random, options: {instances: 5}}
+missions:
+  - {mission: aggregation, set: [duration=1, robots=2], name: near}
+  - {mission: foraging, set: [duration=1, robots=2]}
+assess: {runs: 3, realities: [mercator-pseudo-reality, {sample: 2, width: 0.5}]}
+"""
+
+
+def plan_file(folder, text=PLAN):
+    file = folder / "small.yaml"
+    file.write_text(text)
+    return file
+
+
+def contents(folder):
+    """What must not depend on how a study came to its end."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for pattern in ("**/runs.csv", "**/designs.csv", "**/fsm.txt", f"**/{ASSESSMENT}")
+        for path in folder.glob(pattern)
+    }
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, mdesign_once):
+    """A study that has ended; tests copy its folder before they change it."""
+    folder = tmp_path_factory.mktemp("studies")
+    mdesign_once("study", plan_file(folder), "-o", folder / "done")
+    return folder / "done"
+
+
+@pytest.fixture
+def copied(done, tmp_path):
+    shutil.copytree(done, tmp_path / "done")
+    return tmp_path / "done"
+
+
+def refusal(mdesign, *arguments):
+    code, _, err = mdesign(*arguments)
+    assert code == 2, err
+    assert "Traceback" not in err
+    return err
+
+
+def test_cells_are_races_with_folders_of_their_own(done):
+    cells = read_status(done).cells
+    assert len(cells) == 8
+    assert {one.state for one in cells} == {"done"}
+    seeds = {
+        (one.cell.method, one.cell.repetition): json.loads(
+            (done / "cells" / one.cell.path / "provenance.json").read_text()
+        )["race"]["seed"]
+        for one in cells
+    }
+    assert seeds == {(method, number): number for method in ("halving", "random") for number in (1, 2)}
+
+
+def test_every_design_is_assessed_on_the_same_fresh_instances(done, mdesign):
+    runs = pd.read_csv(done / "tables" / "runs.csv")
+    assert len(runs) == 8 * 3 * 3
+    assert (runs.groupby("reality").size() == 24).all()
+    assert list(runs["reality"].unique()) == ["design", "mercator-pseudo-reality", "sampled-0.5"]
+    for reality, options in (("design", ()), ("mercator-pseudo-reality", ("--robot-model", "mercator-pseudo-reality"))):
+        folder = done / "cells" / "near" / "halving" / "40" / "2"
+        code, out, _ = mdesign("evaluate", folder / "fsm.txt", "-n", 3, "--json", "--quiet", *options)
+        assert code == 0
+        assert tuple(json.loads(out)["scores"]) == read_assessment(folder).scores[reality]
+
+
+def test_options_of_a_method_are_those_of_its_races(done):
+    start = json.loads((done / "cells/near/random/40/1/provenance.json").read_text())["race"]
+    assert start["options"]["instances"] == 5
+
+
+def test_the_same_command_runs_nothing_again(copied, tmp_path, mdesign):
+    before = {path: path.stat().st_mtime_ns for path in copied.glob("cells/**/*")}
+    assert mdesign("study", plan_file(tmp_path), "-o", copied)[0] == 0
+    assert {path: path.stat().st_mtime_ns for path in copied.glob("cells/**/*")} == before
+
+
+@pytest.mark.parametrize("n_experiments", [0, 1, 25, 41, 130, 350])
+def test_a_stopped_study_is_resumed_to_the_same_tables(n_experiments, done, tmp_path, mdesign):
+    """The thorough tier kills processes; what differs there is only when."""
+    study, count = resolve(load_plan(plan_file(tmp_path))), [0]
+
+    def stopped():
+        count[0] += 1
+        return count[0] > n_experiments
+
+    with (
+        StudyFolder.open(tmp_path / "again", study) as folder,
+        ThreadExecutor(2) as executor,
+        pytest.raises(ExecutorStopped),
+    ):
+        StudyRun(study, folder, executor, stopped=stopped).run()
+    assert mdesign("study", plan_file(tmp_path), "-o", tmp_path / "again")[0] == 0
+    assert contents(tmp_path / "again") == contents(done)
+
+
+def test_what_is_new_in_a_study_runs_alone(copied, tmp_path, mdesign):
+    before = contents(copied / "cells")
+    journals = {path: path.read_bytes() for path in copied.glob("cells/**/journal.jsonl")}
+    text = PLAN.replace("repetitions: 2", "repetitions: 3").replace(
+        "halving: {}", "halving: {}\n  irace: {method: random}"
+    )
+    text = text.replace("runs: 3", "runs: 4").replace("[mercator-pseudo", "[mercator-argos, mercator-pseudo")
+    text = text.replace("missions:", "missions:\n  - {mission: shelter, set: [duration=1, robots=2]}")
+    assert mdesign("study", plan_file(tmp_path, text), "-o", copied)[0] == 0
+    assert {path: path.read_bytes() for path in journals} == journals
+    after = pd.read_csv(copied / "tables" / "runs.csv")
+    assert len(after) == 3 * 3 * 3 * 4 * 4
+    for name in before:
+        if name.endswith(ASSESSMENT):
+            old, new = json.loads(before[name]), read_assessment((copied / "cells" / name).parent)
+            assert {key: list(new.scores[key][:3]) for key in old["scores"]} == old["scores"]
+    mdesign("study", plan_file(tmp_path), "-o", copied)  # what is taken away is kept, but is not in the tables
+    assert len(pd.read_csv(copied / "tables" / "runs.csv")) == 8 * 3 * 3
+    assert (copied / "cells" / "shelter").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("duration=1, robots=2], name", "duration=2, robots=2], name", "missions.near.mission.duration"),
+        ("instances: 5", "instances: 6", "methods.random.options.instances"),
+        ("halving: {}", "halving: {method: random}", "methods.halving.method"),
+        ("width: 0.5", "width: 0.6, name: sampled-0.5", "realities.sampled-0.5.width"),
+    ],
+)
+def test_a_changed_definition_is_refused(old, new, place, copied, tmp_path, mdesign):
+    before = contents(copied)
+    err = refusal(mdesign, "study", plan_file(tmp_path, PLAN.replace(old, new)), "-o", copied)
+    assert f"{copied}: {place}: expected " in err
+    assert contents(copied) == before
+
+
+def test_a_folder_belongs_to_one_study(copied, tmp_path, mdesign):
+    err = refusal(mdesign, "study", plan_file(tmp_path, PLAN + "name: other\n"), "-o", copied)
+    assert "expected the study other with seed 1, found the study small with seed 1" in err
+    err = refusal(mdesign, "study", plan_file(tmp_path, PLAN + "seed: 7\n"), "-o", copied)
+    assert "with seed 7" in err
+    assert "found other files in it" in refusal(mdesign, "study", plan_file(tmp_path), "-o", tmp_path)
+
+
+def test_a_folder_of_another_version_is_refused(copied, tmp_path, mdesign):
+    file = copied / "study.json"
+    data = json.loads(file.read_text())
+    file.write_text(json.dumps({**data, "program": {**data["program"], "kernels": "0"}, "mercator_design": "0.0.1"}))
+    err = refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
+    assert "cannot add to this study of 0.0.1: program.kernels" in err
+    file.write_text(json.dumps({**data, "format": 2}))
+    assert "expected format 1, found 2" in refusal(mdesign, "study", "status", copied)
+
+
+def test_a_cell_with_another_race_is_refused(copied, tmp_path, mdesign):
+    folder = copied / "cells/near/halving/40/1"
+    shutil.rmtree(folder)
+    shutil.copytree(copied / "cells/near/halving/40/2", folder)
+    assert f"{folder}: seed: expected 1" in refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
+
+
+def test_two_processes_do_not_share_a_study(copied, tmp_path, mdesign):
+    with StudyFolder.open(copied, resolve(load_plan(plan_file(tmp_path)))):
+        assert "is working on this study" in refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
+    assert mdesign("study", plan_file(tmp_path), "-o", copied)[0] == 0
+
+
+def test_parts_share_a_study(done, tmp_path, mdesign):
+    plan, folder = plan_file(tmp_path), tmp_path / "parts"
+    study = resolve(load_plan(plan))
+    cells = [set(study.layout.part(number, 3)) for number in (1, 2, 3)]
+    assert set.union(*cells) == set(study.layout.cells)
+    assert sum(map(len, cells)) == 8
+    with StudyFolder.open(folder, study, Part(1, 3)):
+        assert mdesign("study", plan, "-o", folder, "--part", "2/3")[0] == 0
+        assert not (folder / "tables").exists()
+        for part in ("1/3", "1/2"):
+            assert "is working on this study" in refusal(mdesign, "study", plan, "-o", folder, "--part", part)
+        assert "is working on this study" in refusal(mdesign, "study", plan, "-o", folder)
+        code, out, _ = mdesign("study", "status", folder, "--json")
+        assert (code, json.loads(out)["counts"]["done"]) == (0, 3)
+    for part in ("1/3", "3/3"):
+        assert mdesign("study", plan, "-o", folder, "--part", part)[0] == 0
+    assert contents(folder) == contents(done)
+    assert "expected K/N" in refusal(mdesign, "study", plan, "-o", folder, "--part", "4/3")
+
+
+MADE = """
+schema: 1
+methods: {hand: {files: [a.txt, b.txt]}}
+missions: [{mission: aggregation, set: [duration=1, robots=2]}]
+assess: {runs: 2}
+"""
+WALK, STOP = "--nstates 1 --s0 0 --rwm0 20", "--nstates 1 --s0 1"
+
+
+def test_hand_made_files_are_designs(tmp_path, mdesign):
+    for name, text in (("a.txt", WALK), ("b.txt", STOP)):
+        (tmp_path / name).write_text(text + "\n")
+    assert mdesign("study", plan_file(tmp_path, MADE), "-o", tmp_path / "made")[0] == 0
+    table = study_table(tmp_path / "made")
+    assert table.designs[["budget", "repetition", "runs"]].to_numpy().tolist() == [[0, 1, 2], [0, 2, 2]]
+    (tmp_path / "b.txt").write_text(WALK + "\n")
+    err = refusal(mdesign, "study", plan_file(tmp_path, MADE), "-o", tmp_path / "made")
+    assert "methods.hand.files.2: expected" in err
+
+
+def test_hand_made_files_are_of_one_flavour(tmp_path, mdesign):
+    (tmp_path / "a.txt").write_text(WALK + "\n")
+    (tmp_path / "b.txt").write_text(f"# flavour: chocolate\n{STOP}\n")
+    err = refusal(mdesign, "study", plan_file(tmp_path, MADE))
+    assert "small.yaml:3: methods.hand: " in err
+    assert "expected control software of flavour watermelon, as the others, found chocolate" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("methods: {a: {method: halvin}}\nmissions: [aggregation]\nbudgets: [40]\nrepetitions: 2", 'found "halvin"'),
+        (
+            "methods: {a: {options: {frist: 1}}}\nmissions: [aggregation]\nbudgets: [40]\nrepetitions: 2",
+            "did you mean 'first'?",
+        ),
+        ("methods: {a: {}}\nmissions: [aggregation]\nbudgets: [40]", "repetitions: missing key"),
+        ("methods: {a: {}}\nmissions: [aggregation]\nrepetitions: 2", "budgets: missing key"),
+        ("methods: {a: {}}\nmissions: [aggregatio]\nbudgets: [40]\nrepetitions: 2", "did you mean 'aggregation'?"),
+        (
+            "methods: {a: {}}\nmissions: [aggregation, aggregation]\nbudgets: [40]\nrepetitions: 2",
+            "found aggregation twice",
+        ),
+        (
+            "methods: {a: {flavour: melon}}\nmissions: [aggregation]\nbudgets: [40]\nrepetitions: 2",
+            "methods.a: flavour: ",
+        ),
+        (
+            "methods: {a: {}}\nmissions: [aggregation]\nbudgets: [4]\nrepetitions: 2",
+            "expected at least 20 experiments, found 4",
+        ),
+        (
+            "methods: {a: {flavour: chocolate}}\nmissions: [aggregation]\nbudgets: [40]\nrepetitions: 2",
+            "on aggregation: chocolate",
+        ),
+        (
+            "methods: {a: {}}\nmissions: [aggregation]\nbudgets: [40]\nrepetitions: 2\n"
+            "assess: {realities: [epuck, nowhere]}",
+            "small.yaml:5: assess.realities[1]: nowhere: no such robot model",
+        ),
+        (
+            "methods: {a: {}}\nmissions: [{sample: foraging}]\nbudgets: [40]\nrepetitions: 2",
+            "missions[0].seeds: expected",
+        ),
+    ],
+)
+def test_mistakes_name_their_places(text, expected, tmp_path, mdesign):
+    err = refusal(mdesign, "study", plan_file(tmp_path, text + "\n"))
+    assert "small.yaml:" in err
+    assert expected in err
+    assert not (tmp_path / "studies").exists()
+
+
+def test_one_repetition_is_said_to_give_no_statistics(tmp_path, mdesign):
+    text = PLAN.replace("repetitions: 2", "repetitions: 1")
+    code, _, err = mdesign("study", plan_file(tmp_path, text), "-o", tmp_path / "one", "--dry-run")
+    assert code == 0
+    assert "gives no statistics" in err
+
+
+def test_a_dry_run_says_what_would_run(copied, tmp_path, mdesign):
+    code, out, _ = mdesign("study", plan_file(tmp_path), "-o", tmp_path / "new", "--dry-run", "-j", 2)
+    assert code == 0
+    assert "8 designs: 2 methods x 2 missions x 1 budgets x 2 repetitions" in out
+    assert f"Left       {8 * (40 + 9)} experiments" in out
+    assert not (tmp_path / "new").exists()
+    _, out, _ = mdesign("study", plan_file(tmp_path), "-o", copied, "--dry-run")
+    assert "Left       0 experiments" in out
+
+
+def test_robot_models_are_a_factor(tmp_path):
+    plan = load_plan(plan_file(tmp_path, PLAN + "robot_models: [mercator, mercator-argos]\n"))
+    layout = resolve(plan).layout
+    assert list(layout.missions) == ["near", "near@mercator-argos", "foraging", "foraging@mercator-argos"]
+    assert layout.missions["near@mercator-argos"].robot_model == "mercator-argos"
+
+
+def test_a_plan_is_read_again_as_it_is_written(done, tmp_path):
+    written = load_plan(done / "study.yaml")
+    assert written == load_plan(plan_file(tmp_path))
+    assert isinstance(written, StudyPlan)
+    assert parse((done / "study.yaml").read_text(), StudyPlan, error=StudyError) == written
+
+
+def test_cells_of_first_repetitions_come_first(tmp_path):
+    cells = resolve(load_plan(plan_file(tmp_path))).layout.cells
+    assert [cell.repetition for cell in cells] == [1] * 4 + [2] * 4
+    assert cells[0] == Cell("near", "halving", 40, 1)
+    assert cells[0].path == Path("near/halving/40/1")
+
+
+def test_sampled_realities_lie_around_the_design_model():
+    model = load_robot_model("epuck")
+    drawn = [sampled_reality(model, 0.5, seed) for seed in range(200)]
+    assert sampled_reality(model, 0.5, 3) == drawn[3]
+    spreads = [one.drive.noise.sd for one in drawn]
+    assert min(spreads) >= 0.0
+    assert max(spreads) <= 0.05 + 0.5 * 0.15
+    losses = [one.neighbours.loss for one in drawn]
+    assert 0.825 <= min(losses) < 0.83
+    assert 0.87 < max(losses) <= 0.875
+    assert all(one.reference_model == model.reference_model for one in drawn)
+    assert all(one.lidar is None for one in drawn)
+    lidar = sampled_reality(load_robot_model("mercator"), 0.5, 3)
+    assert lidar.drive.noise is not None
+    assert lidar.drive.maximum_speed == pytest.approx(0.3 / 0.12 * drawn[3].drive.maximum_speed)
+
+
+def test_validate_knows_studies(tmp_path, mdesign):
+    code, out, _ = mdesign("validate", plan_file(tmp_path))
+    assert (code, out.partition(": ")[2]) == (0, "valid study, 8 designs, 392 experiments\n")
+    code, _, err = mdesign("validate", plan_file(tmp_path, PLAN.replace("repetitions: 2\n", "")))
+    assert code == 3
+    assert "repetitions: missing key" in err
+
+
+def test_the_schema_of_studies(mdesign):
+    code, out, _ = mdesign("schema", "study")
+    schema = json.loads(out)
+    assert code == 0
+    jsonschema.validate(yaml.safe_load("name: x" + PLAN), schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(yaml.safe_load("repetition: 3" + PLAN), schema)

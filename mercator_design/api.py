@@ -3,11 +3,11 @@
 import dataclasses
 import logging
 import time
-from collections.abc import Callable, Collection, Generator, Iterable
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from mercator_design.config.schema import one_of
 from mercator_design.designer import Designer
@@ -31,8 +31,13 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.sim.simulate import Simulator
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from mercator_design.results.folder import RunFolder
     from mercator_design.show.page import ReplayPage
+
+SWEEP_RUNS = 30
+"""Instances of a sweep, by default."""
 
 _log = logging.getLogger(__name__)
 
@@ -128,6 +133,63 @@ def evaluate(
     with ThreadExecutor(jobs) as executor:
         found = in_order(executor, measured, seeds, watch)
     return Evaluation.of(mission, found, seeds)
+
+
+def sweep(
+    mission: Mission,
+    designs: Mapping[str, Software | Sequence[Software]],
+    key: str,
+    values: Sequence[Any],
+    *,
+    overrides: Sequence[str] = (),
+    keeps_density: bool = False,
+    seeds: Iterable[int] | None = None,
+    robot_model: RobotModel | None = None,
+    jobs: int | None = None,
+    watch: Callable[[int], None] = lambda done: None,  # noqa: ARG005 - a name for the reader
+) -> "pd.DataFrame":
+    """Measure designs while one setting of their mission or robots varies, as `mdesign sweep`.
+
+    Args:
+        mission: What the robots have to do.
+        designs: By the name of their method: one design, or several of the same method.
+        key: What is varied, the path of a key: of the mission, as "robots"; below "robot_model", of the robot model,
+            as "robot_model.failures.share"; or "arena.scale", the factor by which the arena grows.
+        values: Its values.
+        overrides: Assignments that hold for all values, as "duration=60".
+        keeps_density: Whether the arena grows with the number of robots, which is varied.
+        seeds: Of the instances. [default: `fresh_instances(runs=30)`]
+        robot_model: The robots. [default: the mission's]
+        jobs: Experiments run at once. [default: the cores that it may use]
+        watch: Called with the number of experiments done.
+
+    Returns:
+        A row for each run: key, value, method, design, instance, seed, score, failure, digest. A value or design
+        without any score has one row, whose `failure` says why.
+
+    Raises:
+        MissionError: Density is kept of another key than robots.
+        RaceError: `jobs` is below 1.
+        SimulationError: There are no values, designs or seeds, or a seed is negative.
+    """
+    from mercator_design.results.analysis.settings import settings_of
+    from mercator_design.results.analysis.sweep import SettingSweep, SweptDesign
+
+    seeds = tuple(fresh_instances(runs=SWEEP_RUNS) if seeds is None else seeds)
+    _check_minimum("seed", min(seeds, default=0), 0)
+    swept = []
+    for method, given in designs.items():
+        several = list(given) if isinstance(given, Sequence) else [given]
+        names = [method] if len(several) == 1 else [f"{method} {k + 1}" for k in range(len(several))]
+        swept += [SweptDesign(name, one, method) for name, one in zip(names, several, strict=True)]
+    settings = settings_of(mission, robot_model, key, values, overrides=overrides, keeps_density=keeps_density)
+    task = SettingSweep(key=key, settings=settings, designs=swept, seeds=seeds)
+    runs = []
+    with ThreadExecutor(jobs) as executor:
+        for run in task.run(executor):
+            runs.append(run)
+            watch(sum(one.instance is not None for one in runs))
+    return task.table(runs)
 
 
 class DesignRun(RaceRun[tuple[Software, int]]):

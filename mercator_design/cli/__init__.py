@@ -37,6 +37,7 @@ VERBS: Final[Mapping[str, LazyVerb]] = {
     "serve": LazyVerb("mercator_design.serve.cli.serve", "Run the design service: web pages and an HTTP API."),
     "study": LazyVerb("mercator_design.cli.study", "Compare methods over missions and repetitions, from one file."),
     "submit": LazyVerb("mercator_design.serve.cli.submit", "Submit a design job to a service."),
+    "sweep": LazyVerb("mercator_design.cli.races.sweep", "Measure designs while a setting of their mission varies."),
     "tune": LazyVerb("mercator_design.cli.races.tune", "Find parameters of a program, by irace's scenario."),
     "users": LazyVerb("mercator_design.serve.cli.users", "Add, list and revoke users of the design service."),
     "validate": LazyVerb("mercator_design.cli.validate", "Check missions, robot models, FSM files and studies."),

@@ -106,7 +106,7 @@ def evaluate(
     """  # noqa: D301 - click reads the control character
     if as_json + as_csv + cost_alone > 1:
         raise click.UsageError("--json, --csv and --cost exclude each other")
-    pfsms, simulator = _controllers(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
+    pfsms, simulator = controllers(fsm, fsm_config, flavour, given, lenient=lenient, quiet=cost_alone)
     if cost_alone and len(pfsms) > 1:
         raise click.UsageError(f"--cost is of one controller, found {len(pfsms)}")
     loaded, model = simulator.mission, simulator.robot_model
@@ -174,7 +174,7 @@ def _without_effect(pfsms: Mapping[str, Software], simulator: Simulator) -> list
     return of_all + [f"{name}: {what}" for name, warnings in found.items() for what in warnings if what not in of_all]
 
 
-def _controllers(
+def controllers(
     files: Sequence[Path], fsm_config: str | None, flavour: str | None, given: Given, *, lenient: bool, quiet: bool
 ) -> tuple[dict[str, Software], Simulator]:
     """The controllers to measure by their names, from files or the command line, and their mission."""

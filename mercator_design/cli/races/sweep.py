@@ -1,0 +1,191 @@
+"""mdesign sweep: scores of designs while a setting of their mission or robots varies."""
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Unpack
+
+import click
+import yaml
+
+from mercator_design.api import SWEEP_RUNS, fresh_instances
+from mercator_design.cli.evaluate import controllers
+from mercator_design.cli.inputs import Given
+from mercator_design.cli.options import CONTROLLER, FOLDER, FSM, JSON, MISSION, PROGRESS, SEED
+from mercator_design.cli.races.executors import EXECUTOR, executor_of
+from mercator_design.cli.terminal import Interrupt, command_line
+from mercator_design.command import print_note, print_result, warn
+from mercator_design.errors import MercatorError, MissionError, printable_lines
+from mercator_design.modules.flavour import DEFAULT_FLAVOUR
+from mercator_design.results.analysis.settings import is_of_setting, settings_of
+from mercator_design.results.analysis.sweep import SettingSweep, SweptDesign, SweptRun
+from mercator_design.show.sweeps import RUNS, sweep_data, sweep_text, write_sweep
+from mercator_design.show.text.progress import Display, Mode
+from mercator_design.system.files import small_text, writing
+
+_CELLS = "cells"  # of a study: MISSION/METHOD/BUDGET/REPETITION
+_WINNER = "fsm.txt"
+_KEPT_EVERY = 20.0  # [s]
+_MAX_TABLE = 256 * 1024 * 1024
+
+
+@click.command()
+@click.argument("fsm", type=FSM, nargs=-1, required=True, metavar="FSM...")
+@click.option(
+    "--over",
+    required=True,
+    metavar="KEY=VALUE,...",
+    help="What varies, and its values: a key of the mission (robots=5,10,20), of the robot model "
+    "(robot_model.failures.share=0,0.2,0.4), or arena.scale=1,1.5,2.",
+)
+@click.option("-o", "--output", type=FOLDER, required=True, help="Folder of the tables and figures.")
+@click.option(
+    "-n",
+    "--runs",
+    type=click.IntRange(1, 10**6),
+    default=SWEEP_RUNS,
+    show_default=True,
+    help="Fresh instances of each value, the same for all designs.",
+)
+@SEED
+@click.option(
+    "--keep-density",
+    is_flag=True,
+    help="Let the arena grow with the robots, so that each has as much room as in the mission; with --over robots=...",
+)
+@click.option("--log", is_flag=True, help="Draw values on a logarithmic axis.")
+@MISSION
+@EXECUTOR
+@CONTROLLER
+@PROGRESS
+@JSON
+def sweep(
+    fsm: tuple[Path, ...],
+    over: str,
+    output: Path,
+    runs: int,
+    seed: int,
+    keep_density: bool,
+    log: bool,
+    jobs: int | None,
+    executor_name: str,
+    scheduler: str | None,
+    timeout: float | None,
+    flavour: str | None,
+    lenient: bool,
+    progress: Mode,
+    as_json: bool,
+    **given: Unpack[Given],
+) -> None:
+    """Measure designs while a setting of their mission or robots varies: scalability, flexibility, robustness.
+
+    FSM may also be a run folder, whose winner is measured, or the folder of a study: then the designs of each method
+    are one curve, with the interval of their means. Else each FSM is a curve, with the interval over instances.
+
+    Written to the folder: runs.csv (a row for each run), curves.csv, sweep.json, and curves.png and curves.pdf in the
+    width of a column. Where a value is impossible, for example because the robots do not fit, there is a hole in the
+    curve, and its reason in the tables.
+
+    Runs that are in runs.csv already are not run again: so an interrupted sweep continues with the same command, and
+    values, designs and runs may be added.
+    """
+    key, values = _values(over)
+    folders = {path: found for path in fsm if (found := _winners(path, given["mission"]))}
+    files = [file for path in fsm for file in ([*folders[path]] if path in folders else [path])]
+    own = {**given, "overrides": tuple(one for one in given["overrides"] if not is_of_setting(one))}
+    software, simulator = controllers(files, None, flavour, own, lenient=lenient, quiet=False)  # type: ignore[arg-type]
+    methods = {str(file): method for found in folders.values() for file, method in found.items()}
+    designs = [SweptDesign(name, one, methods.get(name, _short(name))) for name, one in software.items()]
+    others = [one for one in given["overrides"] if is_of_setting(one)]
+    executor = executor_of(executor_name, jobs, scheduler, timeout)
+    simulator.rehearse(announce=print_note, flavour=designs[0].software.flavour if designs else DEFAULT_FLAVOUR)
+    settings = settings_of(
+        simulator.mission, simulator.robot_model, key, values, overrides=others, keeps_density=keep_density
+    )
+    if all(one.simulator is None for one in settings):
+        raise MissionError(*dict.fromkeys(f"{key}={one.label}: {one.failure}" for one in settings))
+    for one in settings:
+        if one.failure:
+            warn(f"{key}={one.label} is left out: {one.failure}")
+    task = SettingSweep(key=key, settings=settings, designs=designs, seeds=fresh_instances(seed, runs))
+    with writing(output):
+        output.mkdir(parents=True, exist_ok=True)
+    done: list[SweptRun] = []
+    kept = time.monotonic()
+    with (
+        Interrupt(then=executor.stop, stopped=f"{output}: stopped; the same command continues") as interrupt,
+        Display(f"{simulator.mission.name}: sweeping {key}", task.size, progress) as display,
+        executor,
+    ):
+        known = _known(output / RUNS)
+        try:
+            for run in task.run(executor, known, interrupt.came):
+                done.append(run)
+                display.show(sum(one.instance is not None for one in done))
+                if time.monotonic() - kept > _KEPT_EVERY:
+                    _write(output, task, done, log=log)
+                    kept = time.monotonic()
+        finally:
+            _write(output, task, done, log=log)
+    points = task.curves(done)
+    print_result(json.dumps(sweep_data(task, points), allow_nan=False) if as_json else sweep_text(task, points))
+    if not as_json:
+        print_result(printable_lines(f"written to {output}"))
+
+
+def _write(output: Path, task: SettingSweep, done: Sequence[SweptRun], *, log: bool) -> None:
+    with writing(output):
+        write_sweep(output, task, done, caption=command_line(), log=log)
+
+
+def _values(over: str) -> tuple[str, list[Any]]:
+    """The key and the values of --over."""
+    key, equals, text = over.partition("=")
+    try:
+        values = yaml.safe_load(f"[{text}]")
+    except yaml.YAMLError:
+        values = None
+    if not equals or not key.strip() or not isinstance(values, list) or not values or None in values:
+        raise click.BadParameter(f"expected KEY=VALUE,..., as in robots=5,10,20, found '{over}'", param_hint="'--over'")
+    if len({repr(one) for one in values}) < len(values):
+        raise click.BadParameter(f"expected different values, found '{over}'", param_hint="'--over'")
+    return key.strip(), values
+
+
+def _winners(path: Path, mission: str | None) -> dict[Path, str]:
+    """The winners of a study for a mission, each with its method; none if the folder is not a study's."""
+    cells = path / _CELLS
+    if not cells.is_dir():
+        return {}
+    missions = sorted(one.name for one in cells.iterdir() if one.is_dir())
+    wanted = missions[0] if mission is None and len(missions) == 1 else Path(mission or "").stem
+    if wanted not in missions:
+        found = ", ".join(missions) or "none"
+        raise click.UsageError(f"{path}: a study of several missions; give --mission, one of: {found}")
+    return {file: file.parents[2].name for file in sorted((cells / wanted).glob(f"*/*/*/{_WINNER}"))}
+
+
+def _short(name: str) -> str:
+    """A design in the legend: the file without its suffix, of a run folder the folder."""
+    path = Path(name)
+    return path.parent.name if path.name == _WINNER and path.parent.name else path.stem
+
+
+def _known(file: Path) -> dict[tuple[str, int], float]:
+    """The scores in a table of runs, by digest and seed."""
+    if not file.exists():
+        return {}
+    import io
+
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(io.StringIO(small_text(file, _MAX_TABLE, MercatorError)), dtype={"digest": str})
+        scored = table.dropna(subset=["score", "seed", "digest"])
+        return {
+            (digest, int(seed)): float(score)
+            for digest, seed, score in zip(scored["digest"], scored["seed"], scored["score"], strict=True)
+        }
+    except (ValueError, KeyError) as error:
+        raise MercatorError(f"{file}: expected a table of runs that `mdesign sweep` wrote, found {error}") from None

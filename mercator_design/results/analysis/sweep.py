@@ -1,0 +1,232 @@
+"""The scores of designs while one setting of their mission or robots varies: scalability, flexibility, robustness.
+
+All designs run on the same fresh instances at each value. A run has a digest of all that its score depends on, so a
+sweep takes from an earlier table what it need not run again.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mercator_design.config.writing import digest_of
+from mercator_design.designer import Experimenter
+from mercator_design.errors import FsmError, SimulationError
+from mercator_design.jit import kernels_digest
+from mercator_design.modules.architecture import Software
+from mercator_design.modules.flavour import flavour_of
+from mercator_design.plugins.loading import loaded_plugins
+from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.executors.executor import Executor, ExecutorStopped, Failed
+from mercator_design.results.analysis.settings import Setting
+from mercator_design.software.architectures import text_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("key", "value", "method", "design", "instance", "seed", "score", "failure", "digest")
+"""Of a table of runs; a value or design without any score has one row, with its failure and without an instance."""
+
+
+class SweptRun(NamedTuple):
+    """A run, or why there is none."""
+
+    setting: int  # its place in the sweep
+    design: int
+    instance: int | None
+    score: float | None
+    failure: str = ""
+
+
+class SweptDesign(NamedTuple):
+    """Control software, with the method that made it: designs of one method are one curve."""
+
+    name: str
+    software: Software
+    method: str
+
+
+class CurvePoint(NamedTuple):
+    """The mean score of a method's designs at a value, with its confidence interval at 95 %.
+
+    designs: How many have scores. Of several, the interval is that of the mean over designs, each with its mean over
+        instances; of a single one, that of its mean over instances.
+    failure: Why there is no score, or why some runs have none; empty if all have.
+    """
+
+    method: str
+    value: Any
+    mean: float | None
+    low: float | None
+    high: float | None
+    designs: int
+    runs: int
+    failure: str
+
+
+class _Sweeper:
+    """Runs an experiment of a sweep, here or in another process; the item is (setting, software, seed)."""
+
+    def __init__(self, experimenters: Mapping[tuple[int, str], Experimenter]) -> None:
+        self._experimenters = experimenters
+
+    def __call__(self, item: tuple[int, Software, int]) -> float:
+        setting, software, seed = item
+        return self._experimenters[setting, software.flavour]((software, seed)).score
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingSweep:
+    """What is to be run.
+
+    key: The path of what varies.
+    settings: Of its values.
+    designs: What is measured.
+    seeds: Of the instances.
+
+    Raises:
+        SimulationError: There is no value, design or seed, or two designs have one name.
+    """
+
+    key: str
+    settings: Sequence[Setting]
+    designs: Sequence[SweptDesign]
+    seeds: Sequence[int]
+
+    def __post_init__(self) -> None:
+        for name in ("settings", "designs", "seeds"):
+            if not getattr(self, name):
+                raise SimulationError(f"a sweep: expected at least one of its {name}")
+        if len({one.name for one in self.designs}) < len(self.designs):
+            raise SimulationError("a sweep: expected designs of different names")
+
+    @property
+    def size(self) -> int:
+        """The number of runs, impossible ones not counted."""
+        return len(self.seeds) * sum(not self.refusal(k, d) for k, d in self._pairs)
+
+    @property
+    def _pairs(self) -> list[tuple[int, int]]:
+        return [(k, d) for k in range(len(self.settings)) for d in range(len(self.designs))]
+
+    def refusal(self, setting: int, design: int) -> str:
+        """Why a design cannot run at a value; empty if it can."""
+        simulator, software = self.settings[setting].simulator, self.designs[design].software
+        if simulator is None:
+            return self.settings[setting].failure
+        try:
+            simulator.check(software)
+        except FsmError as error:
+            return str(error)
+        return ""
+
+    def digest(self, setting: int, design: int) -> str:
+        """Of all that the scores of a design at a value depend on, but the seeds; empty if it is impossible."""
+        simulator, software = self.settings[setting].simulator, self.designs[design].software
+        if simulator is None:
+            return ""
+        plugins = sorted(loaded_plugins().items())
+        parts = (simulator.mission.digest, digest_of(simulator.robot_model), kernels_digest(), plugins)
+        text = (*parts, digest_of(flavour_of(software.flavour)), text_of(software))
+        return hashlib.sha256(repr(text).encode()).hexdigest()[:16]
+
+    def run(
+        self,
+        executor: Executor,
+        known: Mapping[tuple[str, int], float] | None = None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> Iterator[SweptRun]:
+        """SweptRun all that is not known, and yield each run when it has ended; known ones come first.
+
+        Args:
+            executor: Runs the experiments, within its context.
+            known: Scores by digest and seed.
+            stopped: Returns whether to stop; called before each experiment.
+
+        Raises:
+            ExecutorStopped: See `stopped`; running experiments have finished.
+            RaceError: The executor has lost its workers.
+        """
+        todo: list[SweptRun] = []
+        for k, d in self._pairs:
+            if refusal := self.refusal(k, d):
+                yield SweptRun(k, d, None, None, refusal)
+                continue
+            digest = self.digest(k, d)
+            for instance, seed in enumerate(self.seeds):
+                score = (known or {}).get((digest, seed))
+                if score is None:
+                    todo.append(SweptRun(k, d, instance, None))
+                else:
+                    yield SweptRun(k, d, instance, score)
+        flavours = {one.software.flavour for one in self.designs}
+        function = _Sweeper(
+            {
+                (k, flavour): Experimenter(one.simulator, flavour_of(flavour))
+                for k, one in enumerate(self.settings)
+                if one.simulator is not None
+                for flavour in flavours
+            }
+        )
+        items = ((one.setting, self.designs[one.design].software, self.seeds[one.instance or 0]) for one in todo)
+        for place, result in executor.run(function, _until(stopped, items)):
+            if isinstance(result, Failed):
+                yield todo[place]._replace(failure=result.reason)
+            else:
+                yield todo[place]._replace(score=result)
+        if stopped():
+            raise ExecutorStopped
+
+    def rows(self, runs: Sequence[SweptRun]) -> list[tuple[Any, ...]]:
+        """The rows of runs, with COLUMNS, in the order of values, designs and instances."""
+        found = []
+        digests = {pair: self.digest(*pair) for pair in {(one.setting, one.design) for one in runs}}
+        for one in sorted(runs, key=lambda one: (one.setting, one.design, one.instance or 0)):
+            design = self.designs[one.design]
+            seed = None if one.instance is None else self.seeds[one.instance]
+            label = self.settings[one.setting].label
+            what = (one.instance, seed, one.score, one.failure, digests[one.setting, one.design])
+            found.append((self.key, label, design.method, design.name, *what))
+        return found
+
+    def table(self, runs: Sequence[SweptRun]) -> "pd.DataFrame":
+        """The rows of runs, tidy; `value` has numbers if all values are numbers, and a run without score has NaN."""
+        import pandas as pd
+
+        table = pd.DataFrame(self.rows(runs), columns=list(COLUMNS))
+        if self.is_numeric:
+            table["value"] = table["value"].astype(float)
+        return table.astype({"instance": "Int64", "seed": "Int64", "score": "float64"})
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether all values are numbers."""
+        return all(isinstance(one.value, int | float) and not isinstance(one.value, bool) for one in self.settings)
+
+    def curves(self, runs: Sequence[SweptRun]) -> list[CurvePoint]:
+        """The points of each method's curve, method by method, in the order of the values."""
+        methods = list(dict.fromkeys(one.method for one in self.designs))
+        return [self._point(method, k, runs) for method in methods for k in range(len(self.settings))]
+
+    def _point(self, method: str, setting: int, runs: Sequence[SweptRun]) -> CurvePoint:
+        own = [one for one in runs if one.setting == setting and self.designs[one.design].method == method]
+        failures = list(dict.fromkeys(one.failure for one in own if one.failure))
+        scores: dict[int, list[float]] = {}
+        for one in sorted(own, key=lambda one: (one.design, one.instance or 0)):
+            if one.score is not None:
+                scores.setdefault(one.design, []).append(one.score)
+        simulator, value = self.settings[setting].simulator, self.settings[setting].value
+        n = sum(map(len, scores.values()))
+        if not scores or simulator is None:
+            return CurvePoint(method, value, None, None, None, 0, 0, "; ".join(failures))
+        possible = simulator.mission.possible_scores()
+        means = [Scores(tuple(each), possible).mean for each in scores.values()]
+        found = Scores(tuple(means) if len(means) > 1 else tuple(*scores.values()), possible)
+        return CurvePoint(method, value, found.mean, *found.interval, len(means), n, "; ".join(failures))
+
+
+def _until(stopped: Callable[[], bool], items: Iterator[Any]) -> Iterator[Any]:
+    for item in items:
+        if stopped():
+            return
+        yield item

@@ -1,0 +1,164 @@
+"""What is shown of a sweep: a table of its curves as text, CSV and data, and the figure for a paper.
+
+The figure has the width of a column. Lines are means, bands their confidence intervals; a value without a score is
+marked on the axis below, so that a hole is not read as a line.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from mercator_design.results.analysis.sweep import COLUMNS, CurvePoint, SettingSweep, SweptRun
+from mercator_design.show.charts import COLOURS
+from mercator_design.show.pictures.figures import file_of, house_style
+from mercator_design.show.text.columns import aligned
+from mercator_design.system.csv_text import csv_text
+from mercator_design.system.files import write_bytes
+
+RUNS = "runs.csv"
+CURVES = "curves.csv"
+DATA = "sweep.json"
+FIGURES = ("curves.png", "curves.pdf")
+
+_WIDTH, _HEIGHT = 3.5, 2.6  # [inch] of a column of a paper
+_MARKERS = "osD^vPX"
+
+
+def runs_csv(sweep: SettingSweep, runs: Sequence[SweptRun]) -> str:
+    """A row for each run."""
+    return csv_text([COLUMNS, *sweep.rows(runs)])
+
+
+def curves_csv(sweep: SettingSweep, points: Sequence[CurvePoint]) -> str:
+    """A row for each method and value."""
+    labels = {repr(one.value): one.label for one in sweep.settings}
+    rows = [(sweep.key, labels[repr(value)], method, *rest) for method, value, *rest in points]
+    return csv_text([("key", "value", *(name for name in CurvePoint._fields if name != "value")), *rows])
+
+
+def sweep_text(sweep: SettingSweep, points: Sequence[CurvePoint]) -> str:
+    """The table of the curves, a row for each value, and below it why values have no score."""
+    methods = list(dict.fromkeys(one.method for one in points))
+    cells = {(one.method, repr(one.value)): one for one in points}
+    rows = [[sweep.key, *methods]]
+    rows += [[one.label, *(_cell(cells[method, repr(one.value)]) for method in methods)] for one in sweep.settings]
+    lines = aligned(rows)
+    for setting in sweep.settings:
+        of_value = [cells[method, repr(setting.value)] for method in methods]
+        for failure in dict.fromkeys(one.failure for one in of_value if one.failure):
+            lines.append(f"{sweep.key} {setting.label}: {failure}")
+    return "\n".join(lines)
+
+
+def _cell(point: CurvePoint) -> str:
+    if point.mean is None or point.low is None or point.high is None:
+        return "no score"
+    return f"{point.mean:.4g} ({point.low:.4g} to {point.high:.4g})"
+
+
+def sweep_data(sweep: SettingSweep, points: Sequence[CurvePoint]) -> dict[str, Any]:
+    """The curves as data for JSON."""
+    simulators = [one.simulator for one in sweep.settings if one.simulator is not None]
+    return {
+        "schema": 1,
+        "key": sweep.key,
+        "values": [one.value for one in sweep.settings],
+        "mission": simulators[0].mission.name if simulators else None,
+        "direction": simulators[0].mission.objective.direction if simulators else None,
+        "seeds": [*sweep.seeds],
+        "designs": [{"name": one.name, "method": one.method} for one in sweep.designs],
+        "curves": [one._asdict() for one in points],
+    }
+
+
+def sweep_figure(
+    sweep: SettingSweep, points: Sequence[CurvePoint], suffix: str, caption: str = "", *, log: bool = False
+) -> bytes:
+    """The file of the figure; the suffix is its format.
+
+    Args:
+        sweep: What was run.
+        points: Of its curves.
+        suffix: .png, .pdf or .svg.
+        caption: Small, below the figure.
+        log: Whether the values have a logarithmic axis, if they are numbers.
+    """
+    data = sweep_data(sweep, points)
+    is_numeric = sweep.is_numeric
+    places = {repr(one.value): float(one.value) if is_numeric else k for k, one in enumerate(sweep.settings)}
+    with house_style():
+        figure = Figure(figsize=(_WIDTH, _HEIGHT), layout="constrained")
+        axes = figure.add_subplot()
+        for k, method in enumerate(dict.fromkeys(one.method for one in points)):
+            colour, own = (
+                COLOURS[k % len(COLOURS)],
+                sorted((one for one in points if one.method == method), key=lambda one: places[repr(one.value)]),
+            )
+            for part in _whole_parts(own):
+                x = [places[repr(one.value)] for one in part]
+                middle, low, high = (
+                    [_number(each) for each in one] for one in zip(*(p[2:5] for p in part), strict=True)
+                )
+                axes.plot(x, middle, color=colour, marker=_MARKERS[k % len(_MARKERS)], ms=3, lw=1.1)
+                axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+                if len(part) == 1:  # a band of one point is not seen
+                    axes.vlines(x, low, high, color=colour, lw=1.1)
+            axes.plot([], [], color=colour, marker=_MARKERS[k % len(_MARKERS)], ms=3, lw=1.1, label=method)
+        if holes := sorted({places[repr(one.value)] for one in points if one.mean is None}):
+            axes.plot(
+                holes,
+                [0.03] * len(holes),
+                "x",
+                color="#7a7a7a",
+                ms=5,
+                transform=axes.get_xaxis_transform(),
+                label="no score",
+                clip_on=False,
+            )
+        if not is_numeric:
+            axes.set_xticks(range(len(places)), [one.label for one in sweep.settings], rotation=20, ha="right")
+        elif log:
+            axes.set_xscale("log")
+        elif all(isinstance(one.value, int) for one in sweep.settings):
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(linewidth=0.3)
+        axes.set_xlabel(sweep.key)
+        axes.set_ylabel(f"score of {data['mission']}, {data['direction']}d" if data["mission"] else "score")
+        axes.legend(fontsize=6.5, frameon=False)
+        return file_of(figure, suffix, caption)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _whole_parts(points: Sequence[CurvePoint]) -> list[list[CurvePoint]]:
+    """The points between holes."""
+    parts: list[list[CurvePoint]] = [[]]
+    for one in points:
+        if one.mean is None:
+            parts.append([])
+        else:
+            parts[-1].append(one)
+    return [part for part in parts if part]
+
+
+def write_sweep(
+    folder: Path, sweep: SettingSweep, runs: Sequence[SweptRun], *, caption: str = "", log: bool = False
+) -> None:
+    """Write the files of a sweep: tables, data and figures.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    points = sweep.curves(runs)
+    write_bytes(folder / RUNS, runs_csv(sweep, runs).encode())
+    write_bytes(folder / CURVES, curves_csv(sweep, points).encode())
+    write_bytes(folder / DATA, (json.dumps(sweep_data(sweep, points), allow_nan=False) + "\n").encode())
+    for name in FIGURES:
+        write_bytes(folder / name, sweep_figure(sweep, points, Path(name).suffix, caption, log=log))

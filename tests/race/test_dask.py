@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mercator_design.race.executors import dask
+from mercator_design.race.executors import bundles, dask
 from mercator_design.race.executors.dask import DaskExecutor
 from mercator_design.race.executors.executor import Failed, WorkerUnfit, in_order
 from mercator_design.race.session.events import ExperimentDone
@@ -89,10 +89,10 @@ class TestConformance(WorkersConformance):
     @pytest.fixture(autouse=True)
     def short_bundles(self, monkeypatch):
         """Such that an item of `slow` is a task of its own."""
-        monkeypatch.setattr(dask, "BUNDLE", SLOW / 2)
+        monkeypatch.setattr(bundles, "BUNDLE", SLOW / 2)
 
     def test_quick_ones_are_handed_out_together(self, executor, monkeypatch):
-        monkeypatch.setattr(dask, "BUNDLE", LIMIT)
+        monkeypatch.setattr(bundles, "BUNDLE", LIMIT)
         assert len(set(in_order(executor, task_of, range(500)))) < 100
 
     def test_a_worker_is_killed_in_the_middle_of_a_race(self, executor):

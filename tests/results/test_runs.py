@@ -552,11 +552,12 @@ class TestSignals:
 
     @pytest.mark.timing
     @pytest.mark.usefixtures("plain_python")
-    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path):
+    @pytest.mark.parametrize("executor", ["processes", "concurrent.futures:ProcessPoolExecutor"])
+    def test_a_job_is_stopped_whose_stderr_is_closed(self, tmp_path, executor):
         """All its processes get the signal, as of a scheduler, and none is left."""
         folder = tmp_path / "r"
         long = ["race", "aggregation", "--budget", "10000", "--set", "robots=2", "--set", "duration=3"]
-        command = [*MDESIGN, *long, "--executor", "processes", "-j", "1", "-o", folder]
+        command = [*MDESIGN, *long, "--executor", executor, "-j", "1", "-o", folder]
         closed = ["/bin/sh", "-c", 'exec "$@" 2>&-', "sh"]
         with started(*closed, *command, stdout=subprocess.PIPE, start_new_session=True) as process:
             try:

@@ -7,7 +7,9 @@ import click
 
 from mercator_design.cli.options import jobs_of
 from mercator_design.command import NumberRange, print_note
+from mercator_design.errors import RaceError
 from mercator_design.race.executors.executor import Executor
+from mercator_design.race.executors.futures import FuturesExecutor
 from mercator_design.race.executors.processes import ProcessExecutor
 from mercator_design.race.executors.threads import ThreadExecutor
 
@@ -17,10 +19,11 @@ _JOBS = jobs_of("the cores that it may use; with Dask, twice the workers' thread
 _EXECUTOR = click.option(
     "--executor",
     "executor_name",
-    type=click.Choice(["threads", "processes", "dask"]),
+    metavar="[threads|processes|dask|NAME|MODULE:FACTORY]",
     default="threads",
     show_default=True,
-    help="Executor of the experiments; results do not depend on it.",
+    help="Executor of the experiments; results do not depend on it. MODULE:FACTORY, or NAME of an entry point, gives "
+    "any executor of concurrent.futures, such as mpi4py.futures:MPIPoolExecutor.",
 )
 _SCHEDULER = click.option(
     "--scheduler", metavar="ADDRESS", help="Dask scheduler: an address such as tcp://host:8786, or a scheduler file."
@@ -43,7 +46,7 @@ def executor_of(name: str, jobs: int | None, scheduler: str | None, timeout: flo
     """The executor that the options give; what it announces goes to stderr.
 
     Raises:
-        click.UsageError: The options contradict each other.
+        click.UsageError: The options contradict each other, or there is no such executor.
     """
     if (scheduler is not None) != (name == "dask"):
         raise click.UsageError(
@@ -67,4 +70,9 @@ def executor_of(name: str, jobs: int | None, scheduler: str | None, timeout: flo
         return executor
     if name == "processes":
         return ProcessExecutor(jobs, timeout=timeout)
-    return ThreadExecutor(jobs)
+    if name == "threads":
+        return ThreadExecutor(jobs)
+    try:
+        return FuturesExecutor(name, jobs)
+    except RaceError as error:
+        raise click.UsageError(f"--executor: {error}") from None

@@ -9,21 +9,21 @@ An experiment fails only by what happens to it in a worker. Anything else is a l
 a scheduler that ends or restarts, a connection or client that is closed, tasks that are cancelled.
 """
 
+import asyncio
 import collections
 import contextlib
-import math
 import queue
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import cloudpickle
 
 from mercator_design.errors import RaceError, described
+from mercator_design.race.executors.bundles import Bundle, Bundles
 from mercator_design.race.executors.compiling import CompilingWorkers, noting
 from mercator_design.race.executors.executor import (
     DIES,
@@ -37,12 +37,8 @@ from mercator_design.race.executors.executor import (
 
 T = TypeVar("T")
 R = TypeVar("R")
-_Bundle = list[tuple[int, T]]  # items with their indices
 _Fetched = queue.SimpleQueue[tuple[Any, Any]]  # futures with their results or exceptions
 
-BUNDLE = 0.2
-"""Seconds of work in one task, if there is work for all workers: the scheduler takes a millisecond or two per task."""
-MAX_BUNDLED = 64
 CHECK_EVERY = 1.0
 """Seconds between two counts of workers: the scheduler takes some milliseconds for an answer."""
 SILENCE = 5.0
@@ -112,71 +108,78 @@ class DaskExecutor:
 
     def run(self, function: Callable[[T], R], items: Iterable[T | None]) -> Iterator[tuple[int, R | Failed]]:
         packed = cloudpickle.dumps(function)
-        numbered: Iterator[tuple[int, Any]] = enumerate(items)
+        left: Bundles[T] = Bundles(items)
         fetched: _Fetched = queue.SimpleQueue()
-        bundles: dict[Any, _Bundle[T]] = {}  # by future
-        seconds = math.inf  # per item
-
+        bundles: dict[Any, Bundle[T]] = {}  # by future
         suspects: collections.deque[tuple[int, T]] = collections.deque()  # items that may have killed their workers
 
-        def submit(bundle: _Bundle[T]) -> None:
-            bundles[self._submit(fetched, _call_all, packed, [item for _, item in bundle], self._topic)] = bundle
+        def submit(new: Sequence[Bundle[T]]) -> None:
+            work = [[item for _, item in bundle] for bundle in new]
+            futures = self._submit(fetched, partial(_call_all, packed, self._topic), work)
+            bundles.update(zip(futures, new, strict=True))
 
         try:
             while True:
                 if is_alone := bool(suspects) and not bundles:
-                    submit([suspects.popleft()])
-                elif not suspects:
-                    room = max((self._wanted or 2 * self.jobs) - len(bundles), 0)
-                    bundle_size = min(max(int(BUNDLE / seconds), 1), MAX_BUNDLED)
-                    drawn = list(takewhile(lambda one: one[1] is not None, islice(numbered, room * bundle_size)))
-                    for k in range(min(room, len(drawn))):
-                        submit(drawn[k::room])
-                if not bundles or (ended := self._next(fetched)) is None:
+                    submit([[suspects.popleft()]])
+                elif not suspects and (new := left.draw(len(bundles), self._wanted or 2 * self.jobs)):
+                    submit(new)
+                if not bundles:
                     return
-                future, found = ended
-                bundle = bundles.pop(future)
-                future.release()
-                if found is not None:
-                    results, spent = found
-                    seconds = spent / len(bundle) or seconds
-                    yield from zip((index for index, _ in bundle), results, strict=True)
-                elif not is_alone:
-                    suspects += bundle
-                elif self._is_a_worker_fit(packed):
-                    yield bundle[0][0], Failed("its workers died")
+                for future, found in (some := self._next(fetched)):
+                    bundle = bundles.pop(future)
+                    future.release()
+                    if found is not None:
+                        results, spent = found
+                        left.took(spent, len(bundle))
+                        yield from zip((index for index, _ in bundle), results, strict=True)
+                    elif not is_alone:
+                        suspects += bundle
+                    elif self._is_a_worker_fit(packed):
+                        yield bundle[0][0], Failed("its workers died")
+                if not some:
+                    return
         finally:
             for future in bundles:
                 future.release()
 
-    def _submit(self, fetched: _Fetched, function: Callable[..., object], *arguments: object) -> Any:  # noqa: ANN401
-        """Submit a task; the future and its result are put into a queue when the result is here."""
+    def _submit(self, fetched: _Fetched, function: Callable[[Any], object], work: Sequence[Any]) -> list[Any]:
+        """Submit a task for each piece of work, in one message: the scheduler takes some milliseconds for each.
+
+        The futures and their results are put into a queue when the results are here.
+        """
         try:
-            future = self._client.submit(function, *arguments, pure=False)
-            self._client.loop.add_callback(_fetch, future, fetched)
+            futures: list[Any] = self._client.map(function, work, pure=False)
+            self._client.loop.add_callback(_fetch_all, futures, fetched)
         except Exception as error:
             if self._client.status == "running":
                 raise
             raise self._lost(error) from None
-        return future
+        return futures
 
-    def _next(self, fetched: _Fetched) -> tuple[Any, Any] | None:
-        """The next future that has ended, and its result; without one if its workers died.
+    def _next(self, fetched: _Fetched) -> list[tuple[Any, Any]]:
+        """Futures that have ended, at least one, and their results; without one if its workers died.
 
-        None if the executor stops and there is no worker.
+        None at all if the executor stops and there is no worker.
 
         Raises:
             WorkerUnfit: A worker or Dask cannot run the task.
             ExecutorLost: There is no connection to the scheduler, or it has given up the task.
         """
+        if (first := self._wait(fetched)) is None:
+            return []
+        some = [first]
+        with contextlib.suppress(queue.Empty):
+            while True:
+                some.append(fetched.get_nowait())
+        return [(future, self._result(future, found)) for future, found in some]
+
+    def _result(self, future: Any, found: Any) -> Any:  # noqa: ANN401 - Dask's
+        """What a task has returned; None if its workers died."""
         from distributed.scheduler import KilledWorker
 
-        ended = self._wait(fetched)
-        if ended is None:
-            return None
-        future, found = ended
         if isinstance(found, KilledWorker):  # it does not know the cause: a death counts against all tasks of a worker
-            return future, None
+            return None
         if isinstance(found, WorkerUnfit):
             raise found
         if isinstance(found, BaseException):
@@ -184,7 +187,7 @@ class DaskExecutor:
                 reason = " ".join(described(found.__cause__ or found).split())
                 raise WorkerUnfit(f"{self._scheduler}: the scheduler or a worker cannot run this race: {reason}")
             raise self._lost(found)
-        return future, found
+        return found
 
     def _wait(self, fetched: _Fetched) -> tuple[Any, Any] | None:
         """The next future of a queue with its result; None if the executor stops and there is no worker."""
@@ -213,11 +216,11 @@ class DaskExecutor:
             WorkerUnfit: Workers die of it.
         """
         fetched: _Fetched = queue.SimpleQueue()
-        self._submit(fetched, check_worker, packed)
+        self._submit(fetched, check_worker, [packed])
         ended = self._next(fetched)
-        if ended is not None and ended[1] is None:
+        if any(found is None for _, found in ended):
             raise WorkerUnfit(f"{self._scheduler}: {DIES}")
-        return ended is not None
+        return bool(ended)
 
     def _ask(self) -> None:
         """Ask the scheduler for the number of its workers' threads, unless it was asked just now; do not wait."""
@@ -244,6 +247,11 @@ class DaskExecutor:
         )
 
 
+async def _fetch_all(futures: Sequence[Any], fetched: _Fetched) -> None:
+    """In the event loop: fetch the results of futures as they end. Dask itself joins requests that come together."""
+    await asyncio.gather(*(_fetch(future, fetched) for future in futures))
+
+
 async def _fetch(future: Any, fetched: _Fetched) -> None:  # noqa: ANN401 - Dask's
     """In the event loop: wait for a future, fetch its result, and put both into a queue."""
     try:
@@ -253,7 +261,7 @@ async def _fetch(future: Any, fetched: _Fetched) -> None:  # noqa: ANN401 - Dask
     fetched.put((future, found))
 
 
-def _call_all(packed: bytes, items: Sequence[Any], topic: str) -> tuple[list[Any], float]:
+def _call_all(packed: bytes, topic: str, items: Sequence[Any]) -> tuple[list[Any], float]:
     """In a worker: run all items; return their results and the time [s]."""
     from distributed import get_worker
 

@@ -191,10 +191,10 @@ def _outcome(future: "Future[R | Failed]", job: _Job[Any]) -> R | Failed | None:
 def _worker() -> "ProcessPoolExecutor":
     from joblib.externals.loky import ProcessPoolExecutor
 
-    return ProcessPoolExecutor(max_workers=1, initializer=_start_worker, initargs=(os.getpid(),))
+    return ProcessPoolExecutor(max_workers=1, initializer=start_worker, initargs=(os.getpid(),))
 
 
-def _start_worker(main: int) -> None:
+def start_worker(main: int) -> None:
     """Ignore signals, which Ctrl-C and schedulers send to all processes; end when the main process has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

@@ -76,6 +76,7 @@ class Dot(NamedTuple):
     remark: str = ""
     colour: int = 0
     quartiles: tuple[float, float, float] | None = None
+    is_notched: bool = False  # whether the interval is the notch of the box, its waist
 
 
 class Thread(NamedTuple):
@@ -175,15 +176,20 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     for k, row in enumerate(rows):
         y, colour = frame.top + _ROW * (k + 0.5), _colour(row.colour)
         x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
+        faint = 0.5 if row.is_notched else 0.22
         drawn += [
-            f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
+            f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity="{faint}"/>'
             for value in row.values
         ]
         if row.quartiles is not None:
             lower, median, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)
+            a, b, waist = (max(x_low, lower), min(x_high, upper), 4.0) if row.is_notched else (median, median, 8.0)
+            top, wide = y - 8.0, y - waist
             drawn.append(
-                f'<path d="M{lower:.1f} {y - 8:.1f}H{upper:.1f}v16H{lower:.1f}zM{median:.1f} {y - 8:.1f}v16" '
-                f'fill="{colour}" fill-opacity=".14" stroke="{colour}" stroke-opacity=".6"/>'
+                f'<path d="M{lower:.1f} {top:.1f}H{a:.1f}L{median:.1f} {wide:.1f}L{b:.1f} {top:.1f}H{upper:.1f}v16'
+                f"H{b:.1f}L{median:.1f} {y + waist:.1f}L{a:.1f} {y + 8:.1f}H{lower:.1f}z"
+                f'M{median:.1f} {wide:.1f}v{2 * waist:.0f}" fill="{colour}" fill-opacity=".14" stroke="{colour}" '
+                'stroke-opacity=".6"/>'
             )
         drawn.append(
             f'<g data-name="{escaped(row.name)}" data-mean="{row.middle:.6g}" data-low="{row.low:.6g}" '

@@ -46,22 +46,22 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def save_figure(path: Path, figure: Figure, caption: str = "") -> None:
+def save_figure(path: Path, figure: Figure, caption: str = "", dpi: int = _DPI) -> None:
     """Write a figure with a caption below it; the suffix of the path, of FORMATS, is the format.
 
     Raises:
         OSError: The picture cannot be written.
     """
-    write_bytes(path, file_of(figure, path.suffix, caption))
+    write_bytes(path, file_of(figure, path.suffix, caption, dpi))
 
 
-def file_of(figure: Figure, suffix: str, caption: str = "") -> bytes:
+def file_of(figure: Figure, suffix: str, caption: str = "", dpi: int = _DPI) -> bytes:
     """The contents of the file of a figure with a caption below it; the suffix, of FORMATS, is the format."""
     suffix, file = suffix.lower(), io.BytesIO()
     if caption:
         draw_caption(figure, caption, -0.01, "top")
     box = "tight" if caption else None
-    figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=_DPI, bbox_inches=box, pad_inches=0.06)
+    figure.savefig(file, format=suffix[1:], metadata=_NO_METADATA[suffix], dpi=dpi, bbox_inches=box, pad_inches=0.06)
     return file.getvalue()
 
 

@@ -41,6 +41,12 @@ def a_effect(some: Floats, others: Floats) -> Effect:
     return _effect(some, others, _a_measures, batch=max(1, _MAX_PAIRS // (len(some) * len(others))))
 
 
+def mirrored(effect: Effect) -> Effect:
+    """The A-measure of the samples in the other order."""
+    value, low, high = effect
+    return Effect(1.0 - value, None if high is None else 1.0 - high, None if low is None else 1.0 - low)
+
+
 def difference_of_medians(some: Floats, others: Floats) -> Effect:
     """The first sample's median minus the second's."""
     return _effect(some, others, partial(_differences, np.median))

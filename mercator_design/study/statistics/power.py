@@ -12,6 +12,8 @@ from mercator_design.study.statistics.rank_tests import rank_sum
 
 POWER = 0.9
 """The probability with which a difference that is called visible is found."""
+MAX_SOUGHT = 50
+"""Designs of each up to which `designs_needed` looks."""
 _REPEATS = 400
 
 
@@ -35,6 +37,12 @@ def visible(n: int, n_tests: int = 1) -> Visible:
     """
     shift = visible_shift(n, n, ALPHA / n_tests)
     return Visible(shift, float(stats.norm.cdf(shift / math.sqrt(2.0))))
+
+
+def designs_needed(n_tests: int) -> int:
+    """The least number of designs of each with which a difference can be significant at all; else MAX_SOUGHT + 1."""
+    level = ALPHA / n_tests
+    return next((n for n in range(2, MAX_SOUGHT + 1) if 2.0 / math.comb(2 * n, n) <= level), MAX_SOUGHT + 1)
 
 
 @cache

@@ -1,0 +1,164 @@
+"""The page of a study: verdicts, boxes, tests, the reality gap, in one HTML file that makes no request."""
+
+from collections.abc import Sequence
+from itertools import groupby
+
+from mercator_design.errors import excerpt
+from mercator_design.race.elimination.summary import ALPHA
+from mercator_design.show.charts import STYLE, number
+from mercator_design.show.markup import escaped
+from mercator_design.show.page import document
+from mercator_design.show.report.markup import Html, contents, figure, folded, note, p_text, row_of, section, table
+from mercator_design.show.report.page import asset
+from mercator_design.show.study.boxes import BOXES, chart_of_ranks, chart_of_realities, chart_of_scores
+from mercator_design.show.study.tables import COMPARISONS_HEAD, comparison_rows, score_rows
+from mercator_design.show.study.verdicts import (
+    around,
+    correlation_sentence,
+    drop_sentence,
+    headlines,
+    named,
+    pair_sentence,
+    pooled_sentence,
+    power_sentence,
+    ranks_sentence,
+    unit_sentence,
+)
+from mercator_design.study.analysis import StudyResults
+
+_FILES = (
+    ("tables/runs.csv", "every run, a row each (tidy)"),
+    ("tables/designs.csv", "every design in each reality: mean score, its standard error, runs"),
+    ("tables/comparisons.csv", "all comparisons: A, differences, intervals, p"),
+    ("tables/study.json", "all findings"),
+    ("tables/scores.tex, comparisons.tex", "tables for LaTeX, with booktabs"),
+    ("figures/*.pdf, *.png", "figures of 88 mm, the width of a column"),
+)
+
+
+def study_page(results: StudyResults, command: str) -> str:
+    """The page; `command` is what made it."""
+    body = "".join(
+        [
+            _answer(results),
+            _scores(results),
+            _ranks(results),
+            _comparisons(results),
+            _gap(results),
+            _files(command),
+        ]
+    )
+    study, n = results.table, len(results.table.missions)
+    levels = f"{len(study.levels)} {study.by.replace('_', ' ')}s on {n} mission{'s' * (n != 1)}"
+    head = f'<p>{escaped(levels)}</p><nav class="toc">{contents(body)}</nav>'
+    title = excerpt(study.name)
+    whole = f'<header class="top"><h1><bdi>{escaped(title)}</bdi></h1>{head}</header>\n<main>{body}</main>'
+    return document(f"{title}: a study", f"{STYLE}{asset('page.css')}", whole, asset("page.js"))
+
+
+def _listed(sentences: Sequence[str]) -> Html:
+    return Html(f"<ul>{''.join(f'<li>{escaped(one)}</li>' for one in sentences)}</ul>" if sentences else "")
+
+
+def _answer(results: StudyResults) -> Html:
+    findings = results.findings
+    alone = f"Not compared, as fewer than two have two designs: {', '.join(findings.alone)}." * bool(findings.alone)
+    return section(
+        "answer",
+        "Answer",
+        _listed([*headlines(results)]),
+        note(unit_sentence(results.table)),
+        note(power_sentence(findings)),
+        note(alone) if alone else "",
+    )
+
+
+def _scores(results: StudyResults) -> Html:
+    blocks = results.table.blocks(results.findings.reality)
+    charts = [figure(chart_of_scores(results.table, block), "") for block in blocks]
+    head = ["mission", *(named(results.table, level) for level in results.table.levels)]
+    return section(
+        "scores",
+        "Designs on each mission",
+        row_of(*charts),
+        note(BOXES),
+        folded(
+            "As a table: median (quartiles) [designs]", table(head, score_rows(results.table, blocks), name="scores")
+        ),
+    )
+
+
+def _ranks(results: StudyResults) -> Html:
+    chart = chart_of_ranks(results)
+    about = (
+        "The rank of each design among all designs of its mission and setting: 0 is the best, 1 the worst, equal ones "
+        f"have their mean. {BOXES}"
+    )
+    drawn = Html(f'<div class="narrow">{figure(chart, about)}</div>') if chart else ""
+    return section(
+        "ranks", "By ranks", drawn, _listed([ranks_sentence(results.table, one) for one in results.findings.ranks])
+    )
+
+
+def _comparisons(results: StudyResults) -> Html:
+    study, findings = results.table, results.findings
+    if not findings.pairs:
+        return Html()
+    about = (
+        "A: of the pairs of designs, the share in which the first is better (Vargha and Delaney; 0.5: no difference). "
+        "Differences are the first's score minus the second's. Intervals: bootstrap at 95 %. p: Wilcoxon's rank-sum "
+        f"test, corrected by Holm for all {len(findings.pairs)} comparisons; paired p: Wilcoxon's signed-rank test of "
+        f"designs of equal seeds, not corrected. Verdicts are at {ALPHA:.0%} by the corrected p. Over missions: van "
+        "Elteren's test."
+    )
+    return section(
+        "comparisons",
+        "Comparisons",
+        _listed([pooled_sentence(study, one) for one in findings.pooled]),
+        _listed([pair_sentence(study, one) for one in findings.pairs]),
+        table(COMPARISONS_HEAD, comparison_rows(study, findings), name="comparisons"),
+        note(about),
+    )
+
+
+def _gap(results: StudyResults) -> Html:
+    study, gap = results.table, results.gap
+    others = study.realities[1:]
+    if not others:
+        return Html()
+    names = [name for name, _ in groupby(gap.drops, key=lambda one: one.block)]
+    charts = [figure(chart_of_realities(study, name), "") for name in dict.fromkeys(names)]
+    said = [text for text in headlines(results) if "inversion" in text]
+    said += [text for reality in others if (text := correlation_sentence(gap.correlations, reality))]
+    rows = [
+        (
+            one.block,
+            one.reality,
+            f"{named(study, one.first)} minus {named(study, one.second)}",
+            around(one.more),
+            p_text(one.p_value),
+        )
+        for one in gap.compared
+    ]
+    known = [
+        (one.block, one.reality, one.n_designs, "" if one.rho is None else number(one.rho)) for one in gap.correlations
+    ]
+    about = (
+        "The same designs in the model in which they were made, and in others. Losses are tested by the signed-rank "
+        "test, differences of losses by the rank-sum test, both with Holm's correction. A rank inversion is "
+        "significant if both differences are, in the design model and in the other reality."
+    )
+    return section(
+        "gap",
+        "Reality gap",
+        _listed(said),
+        row_of(*charts),
+        note(about),
+        _listed([drop_sentence(study, one) for one in gap.drops]),
+        table(("mission", "reality", "median loss", "difference", "p (Holm)"), rows, name="losses") if rows else "",
+        table(("mission", "reality", "designs", "Spearman's rho"), known, name="correlations") if known else "",
+    )
+
+
+def _files(command: str) -> Html:
+    return section("files", "Files", table(("file", "contents"), _FILES, name="files"), command=command)

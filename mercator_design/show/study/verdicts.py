@@ -1,0 +1,183 @@
+"""The findings of a study in sentences: one for each comparison, and what their number of designs can show."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from mercator_design.race.elimination.summary import ALPHA
+from mercator_design.show.report.markup import p_text
+from mercator_design.study.analysis import StudyResults
+from mercator_design.study.statistics.comparison import AllByRanks, Findings, PairOnMission, PairPooled
+from mercator_design.study.statistics.effects import Effect, mirrored
+from mercator_design.study.statistics.power import MAX_SOUGHT, POWER, designs_needed
+from mercator_design.study.statistics.reality_gap import Correlation, Drop, Order
+from mercator_design.study.table import DESIGN_MODEL, StudyTable
+
+_KINDS = {"budget": "budget ", "robot_model": "robot model ", "flavour": "flavour "}
+
+
+def named(table: StudyTable, level: str) -> str:
+    """A level in words: a budget is a number only in its column."""
+    return f"{_KINDS.get(table.by, '')}{level}"
+
+
+def place_of(reality: str) -> str:
+    """A reality in words that follow `in`."""
+    return "the design model" if reality == DESIGN_MODEL else reality
+
+
+def plain(value: float) -> str:
+    """A number with four digits, without an exponent unless it is very large or small."""
+    rounded = float(f"{value:.4g}")
+    return f"{rounded + 0.0:.10g}" if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e7 else f"{rounded:.4g}"
+
+
+def around(effect: Effect) -> str:
+    """A value with its interval."""
+    limits = "" if effect.low is None or effect.high is None else f" ({plain(effect.low)} to {plain(effect.high)})"
+    return f"{plain(effect.value)}{limits}"
+
+
+def unit_sentence(table: StudyTable) -> str:
+    """What is counted as evidence."""
+    runs = sorted(set(table.designs["runs"].tolist()))
+    of = f"{runs[0]}" if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+    return (
+        f"The unit is the design: each is one point, the mean score of {of} run{'s' * (runs[-1] != 1)} on fresh "
+        "instances. Runs of one design tell how well it was measured, not how good the method is that made it. To "
+        "count them as evidence on methods would be pseudo-replication."
+    )
+
+
+def power_sentence(findings: Findings) -> str:
+    """What the number of designs can show."""
+    n, tests = findings.n_designs, len(findings.pairs)
+    level = f"at {ALPHA:.0%}" + (f" after Holm's correction for {tests} tests" if tests > 1 else "")
+    if not tests:
+        return "There are too few designs to compare: at least two of each are needed, made with other seeds."
+    if math.isinf(findings.visible.shift):
+        needed = designs_needed(tests)
+        more = f"at least {needed} of each are needed" if needed <= MAX_SOUGHT else "compare less at a time"
+        return f"{n} designs of each are too few: no difference, however large, can be significant {level}; {more}."
+    return (
+        f"{n} designs of each show a difference of {findings.visible.shift:.2g} standard deviations between designs "
+        f"(A = {findings.visible.a_measure:.2f}) with probability {POWER:.0%}, {level}. Smaller differences may "
+        "exist, and often go unseen: not distinguishable does not mean equal."
+    )
+
+
+def share_text(effect: Effect) -> str:
+    """An A-measure with its interval."""
+    limits = "" if effect.low is None or effect.high is None else f" ({effect.low:.2f} to {effect.high:.2f})"
+    return f"{effect.value:.2f}{limits}"
+
+
+def pair_sentence(table: StudyTable, pair: PairOnMission) -> str:
+    """The verdict on two levels on a mission; the better one is named first."""
+    names, effect, outcome = (pair.first, pair.second), pair.a, pair.outcome
+    if outcome == "worse than":
+        names, effect, outcome = (pair.second, pair.first), mirrored(pair.a), "better than"
+    medians = " and ".join(plain(float(pair.block.scores[level].median())) for level in names)
+    first, second = (named(table, level) for level in names)
+    return (
+        f"{pair.block.name}: {first} is {outcome} {second} (A = {share_text(effect)}, medians {medians}, "
+        f"{p_text(pair.p_holm)})."
+    )
+
+
+def pooled_sentence(table: StudyTable, pooled: PairPooled) -> str:
+    """The verdict on two levels over all missions of a setting."""
+    first, second, mean_a, outcome = pooled.first, pooled.second, pooled.mean_a, pooled.outcome
+    better, worse = pooled.missions("better than"), pooled.missions("worse than")
+    if outcome == "worse than":
+        first, second, mean_a, outcome, better, worse = second, first, 1.0 - mean_a, "better than", worse, better
+    n = len(pooled.pairs)
+    alike = n - len(better) - len(worse)
+    where = "" if not pooled.setting else f" at {pooled.setting}"
+    return (
+        f"Over {n} missions{where}, {named(table, first)} is {outcome} {named(table, second)} (van Elteren's test, "
+        f"{p_text(pooled.p_holm)}; mean A {mean_a:.2f}): better on {_counted(better, n)}, worse on "
+        f"{_counted(worse, n)}, not distinguishable on {alike}."
+    )
+
+
+def _counted(missions: Sequence[str], n: int) -> str:
+    """A number of missions, with their names if these are few of many."""
+    return f"{len(missions)}" + (f" ({'; '.join(missions)})" if 0 < len(missions) <= 3 and n > 1 else "")
+
+
+def ranks_sentence(table: StudyTable, by_ranks: AllByRanks) -> str:
+    """The verdict of Friedman's and Nemenyi's tests."""
+    ranked, levels = by_ranks.ranked, by_ranks.levels
+    order = sorted(range(len(levels)), key=lambda k: ranked.mean_ranks[k])
+    means = ", ".join(f"{named(table, levels[k])} {ranked.mean_ranks[k]:.2f}" for k in order)
+    differ = [
+        f"{named(table, levels[a])} before {named(table, levels[b])}"
+        for place, a in enumerate(order)
+        for b in order[place + 1 :]
+        if ranked.p_values[a, b] < ALPHA
+    ]
+    text = f"Mean ranks over {ranked.n_blocks} {by_ranks.what}: {means} (Friedman's test, {p_text(ranked.p_value)})"
+    if ranked.p_value >= ALPHA:
+        return f"{text}: no difference is shown."
+    if not differ:
+        return f"{text}: there are differences, but Nemenyi's test does not show between which."
+    return f"{text}. By Nemenyi's test (critical distance {ranked.distance:.2f}): {', '.join(differ)}."
+
+
+def order_sentences(table: StudyTable, orders: Sequence[Order]) -> Iterator[str]:
+    """Rank inversions in other realities: a sentence for each two levels, or one if there are none."""
+    groups: dict[tuple[str, str, str], list[Order]] = {}
+    for order in orders:
+        first, second = order.model.first, order.model.second
+        if order.model.a.value < 0.5:
+            first, second = second, first
+        if order.change != "kept":
+            groups.setdefault((first, second, order.reality), []).append(order)
+    for (first, second, reality), found in groups.items():
+        sure = [order.model.block.name for order in found if order.change == "inverted"]
+        perhaps = [order.model.block.name for order in found if order.change != "inverted"]
+        on = [f"significantly on {'; '.join(sure)}"] * bool(sure)
+        on += [f"but not significantly in both on {'; '.join(perhaps)}"] * bool(perhaps)
+        yield (
+            f"{'Rank inversion' if sure else 'Perhaps a rank inversion'}: {named(table, first)} is better than "
+            f"{named(table, second)} in the design model, and worse in {reality}, {', '.join(on)}."
+        )
+    if orders and not any(order.change == "inverted" for order in orders):
+        n = f"{len(orders)} comparison{'s' * (len(orders) != 1)}"
+        yield f"No rank inversion is significant in {n} of two {_plural(table.by)} in two realities."
+
+
+def drop_sentence(table: StudyTable, drop: Drop) -> str:
+    """What the designs of a level lose in another reality."""
+    word = "lose" if drop.median > 0 else "gain"
+    relative = f", {abs(drop.median / drop.model):.0%}" if drop.model else ""
+    return (
+        f"{drop.block}: designs of {named(table, drop.level)} {word} {plain(abs(drop.median))} in the median in "
+        f"{drop.reality} ({plain(drop.model)} to {plain(drop.there)}{relative}; {p_text(drop.p_value)})."
+    )
+
+
+def correlation_sentence(correlations: Sequence[Correlation], reality: str) -> str:
+    """How well the design model predicts the order of designs in another reality; empty if it is not known."""
+    known = [one.rho for one in correlations if one.reality == reality and one.rho is not None]
+    if not known:
+        return ""
+    spread = (
+        plain(known[0]) if len(known) == 1 else f"{plain(min(known))} to {plain(max(known))} on {len(known)} missions"
+    )
+    return f"The order of designs in the design model and in {reality} correlates with {spread} (Spearman's rho)."
+
+
+def headlines(results: StudyResults) -> Iterator[str]:
+    """The answer of a study in few sentences."""
+    table, findings = results.table, results.findings
+    if findings.pooled or findings.ranks:
+        yield from (ranks_sentence(table, one) for one in findings.ranks[:1])
+        yield from (pooled_sentence(table, one) for one in findings.pooled)
+    else:
+        yield from (pair_sentence(table, one) for one in findings.pairs)
+    yield from order_sentences(table, results.gap.orders)
+
+
+def _plural(factor: str) -> str:
+    return f"{factor.replace('_', ' ')}s"

@@ -1,0 +1,211 @@
+"""What people see of a study: its verdicts, its page, its tables and its figures."""
+
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from mercator_design.show.study.folder import write_study
+from mercator_design.show.study.tables import latex
+from mercator_design.show.study.verdicts import (
+    headlines,
+    order_sentences,
+    pair_sentence,
+    plain,
+    pooled_sentence,
+    power_sentence,
+    ranks_sentence,
+    unit_sentence,
+)
+from mercator_design.study.analysis import analysed
+from tests.study.tables import run_rows, study_table
+
+GOOD, BAD = [5, 6, 7, 8, 9], [1, 2, 3, 4, 4.5]
+TWO = {("up", "a"): GOOD, ("up", "b"): BAD, ("same", "a"): BAD, ("same", "b"): [x + 0.1 for x in BAD]}
+NASTY = "<script>alert(1)</script>\u202e_%&"
+
+
+def of(scores, **others):
+    return analysed(study_table(run_rows(scores), **others))
+
+
+def test_a_pair_is_told_with_the_better_one_first():
+    results = of({("up", "a"): BAD, ("up", "b"): GOOD})
+    assert [*headlines(results)] == [
+        "up: b is better than a (A = 1.00 (1.00 to 1.00), medians 7 and 3, p = 0.0079).",
+    ]
+    same = of({("same", "a"): BAD, ("same", "b"): [x + 0.1 for x in BAD]})
+    assert "a is not distinguishable from b (A = 0.4" in pair_sentence(same.table, same.findings.pairs[0])
+    costs = of({("m", "a"): BAD, ("m", "b"): GOOD}, maximise=False)
+    assert pair_sentence(costs.table, costs.findings.pairs[0]).startswith("m: a is better than b (A = 1.00")
+
+
+def test_missions_are_pooled_in_a_sentence():
+    results = of(TWO)
+    text = pooled_sentence(results.table, results.findings.pooled[0])
+    assert text.startswith("Over 2 missions, a is ")
+    assert text.endswith("better on 1 (up), worse on 0, not distinguishable on 1.")
+    turned = of({(m, {"a": "b", "b": "a"}[k]): scores for (m, k), scores in (TWO | {("same", "a"): GOOD}).items()})
+    text = pooled_sentence(turned.table, turned.findings.pooled[0])
+    assert text.startswith("Over 2 missions, b is better than a (van Elteren's test, p < 0.001; mean A 1.00)")
+
+
+def test_three_are_ranked_in_a_sentence():
+    three = {("up", "c"): [9.5] * 5, ("same", "c"): [9.5] * 5}
+    results = of(TWO | three)
+    text = ranks_sentence(results.table, results.findings.ranks[0])
+    assert text.startswith("Mean ranks over 10 designs of equal repetitions: c 1.00, ")
+    assert "c before b" in text
+    alike = of({("m", level): BAD for level in "abc"})
+    assert ranks_sentence(alike.table, alike.findings.ranks[0]).endswith("no difference is shown.")
+
+
+def test_what_the_number_of_designs_can_show_is_said():
+    assert "5 designs of each show a difference of" in power_sentence(of(TWO).findings)
+    few = power_sentence(of({("up", "a"): GOOD[:3], ("up", "b"): BAD[:3]}).findings)
+    assert "3 designs of each are too few" in few
+    assert "at least 4 of each are needed" in few
+    assert "too few designs to compare" in power_sentence(of({("up", "a"): [1], ("up", "b"): [2]}).findings)
+
+
+def test_the_unit_is_said():
+    text = unit_sentence(study_table(run_rows({("m", "a"): [[1, 2, 3], [2, 3, 4]]})))
+    assert text.startswith("The unit is the design: each is one point, the mean score of 3 runs")
+    assert "pseudo-replication" in text
+
+
+def test_levels_that_are_numbers_are_named():
+    rows = run_rows({("m", "a"): GOOD}) + run_rows({("m", "a"): BAD}, budget=50)
+    results = analysed(study_table(rows, by="budget"))
+    assert next(headlines(results)).startswith("m: budget 500 is better than budget 50")
+
+
+def test_rank_inversions_are_said():
+    there = {("up", "a"): [x / 10 for x in GOOD], ("up", "b"): BAD, ("same", "a"): BAD, ("same", "b"): BAD}
+    results = analysed(study_table(run_rows(TWO) + run_rows(there, reality="field")))
+    said = [*order_sentences(results.table, results.gap.orders)]
+    assert said == [
+        "Rank inversion: a is better than b in the design model, and worse in field, significantly on up.",
+    ]
+    kept = analysed(study_table(run_rows(TWO) + run_rows(TWO, reality="field")))
+    assert [*order_sentences(kept.table, kept.gap.orders)] == [
+        "No rank inversion is significant in 2 comparisons of two methods in two realities.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(361523.4, "361500"), (0.0, "0"), (-0.12345, "-0.1235"), (1e9, "1e+09"), (2e-5, "2e-05")]
+)
+def test_numbers_are_plain(value, text):
+    assert plain(value) == text
+
+
+def test_latex_shows_any_text():
+    assert latex(r"50 % of a_b & c\d {x} ~^#$") == (
+        r"50 \% of a\_b \& c\textbackslash{}d \{x\} \textasciitilde{}\textasciicircum{}\#\$"
+    )
+
+
+class Tags(HTMLParser):
+    """Open elements at the end, and all names."""
+
+    VOID = ("meta", "br", "path", "circle", "rect")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.names = [], set()
+
+    def handle_starttag(self, tag, attributes):
+        self.names.add(tag)
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    random = np.random.default_rng(1)
+    scores = {
+        (mission, level): [random.normal(k, 1.0, 4).clip(0, 4) for _ in range(5)]
+        for mission in ("up", NASTY)
+        for k, level in enumerate(("a", NASTY, "c"))
+    }
+    rows = run_rows(scores) + run_rows(scores, reality="field")
+    table = study_table(rows, limits=(0.0, 4.0))
+    path = tmp_path_factory.mktemp("study") / "new"
+    return path, write_study(path, table, "mdesign study report new")
+
+
+def test_the_page_is_well_formed_and_shows_names_as_text(folder):
+    page = (folder[0] / "report.html").read_text()
+    tags = Tags()
+    tags.feed(page)
+    assert tags.open == []
+    assert "alert(1)</script>" not in page
+    assert "\u202e" not in page
+    for name in ("answer", "scores", "ranks", "comparisons", "gap", "files"):
+        assert f'<section id="{name}">' in page
+    assert "mdesign study report new" in page
+    assert len(re.findall(r"<svg", page)) == 2 + 1 + 2  # missions, ranks, missions in both realities
+    assert "pseudo-replication" in page
+
+
+def test_the_tables_have_all_that_was_found(folder):
+    path, results = folder
+    runs = pd.read_csv(path / "tables" / "runs.csv")
+    assert len(runs) == len(results.table.runs) == 2 * 2 * 3 * 5 * 4
+    designs = pd.read_csv(path / "tables" / "designs.csv")
+    assert designs.score.tolist() == pytest.approx(results.table.designs.score.tolist(), rel=1e-12)
+    compared = pd.read_csv(path / "tables" / "comparisons.csv")
+    assert compared.p_holm.tolist() == pytest.approx([pair.p_holm for pair in results.findings.pairs])
+    data = json.loads((path / "tables" / "study.json").read_text())
+    assert [one["p"] for one in data["pairs"]] == [pair.p_value for pair in results.findings.pairs]
+    assert data["answer"] == [*headlines(results)]
+    assert len(data["reality_gap"]["orders"]) == 6
+
+
+def test_latex_tables_have_cells_for_all_columns(folder):
+    for name in ("scores", "comparisons"):
+        lines = (folder[0] / "tables" / f"{name}.tex").read_text().splitlines()
+        columns = re.fullmatch(r"\\begin\{tabular\}\{([lr]+)\}", lines[2])[1]
+        cells = [line for line in lines if line.endswith(r" \\")]
+        assert len(cells) == (3 if name == "scores" else 7)
+        assert {len(re.split(r"(?<!\\)&", line)) for line in cells} == {len(columns)}
+
+
+def test_figures_have_the_width_of_a_column(folder):
+    for name in ("scores", "ranks", "gap"):
+        with Image.open(io.BytesIO((folder[0] / "figures" / f"{name}.png").read_bytes())) as picture:
+            assert picture.size[0] == pytest.approx(88 / 25.4 * 300, abs=1)
+        pdf = (folder[0] / "figures" / f"{name}.pdf").read_bytes()
+        width = float(re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)[1])
+        assert width == pytest.approx(88 / 25.4 * 72, abs=0.1)
+        assert b"/Type3" not in pdf
+
+
+def test_the_same_study_gives_the_same_files(folder, tmp_path):
+    path, results = folder
+    write_study(tmp_path, results.table, "mdesign study report new")
+    for file in path.rglob("*.*"):
+        assert (tmp_path / file.relative_to(path)).read_bytes() == file.read_bytes(), file.name
+
+
+def test_a_study_of_one_method_has_a_page_and_says_that_nothing_is_compared(tmp_path):
+    write_study(tmp_path, study_table(run_rows({("m", "a"): [1, 2]})), "mdesign study report x")
+    page = (tmp_path / "report.html").read_text()
+    assert "There are too few designs to compare" in page
+    assert '<section id="comparisons">' not in page
+
+
+def test_many_missions_have_several_figures(tmp_path):
+    scores = {(f"m{k}", level): [1, 2] for k in range(13) for level in "ab"}
+    write_study(tmp_path, study_table(run_rows(scores)), "x")
+    assert {file.name for file in (tmp_path / "figures").glob("scores*.pdf")} == {"scores-1.pdf", "scores-2.pdf"}

@@ -1,5 +1,5 @@
 from mercator_design import race as race
-from mercator_design.api import DesignRun, design, evaluate, fresh_instances, simulate, sweep
+from mercator_design.api import DesignRun, design, evaluate, fresh_instances, simulate, study, sweep
 from mercator_design.config.colours import Colour
 from mercator_design.config.schema import (
     Ascending,
@@ -78,5 +78,6 @@ __all__ = [
     "race",
     "read_fsm",
     "simulate",
+    "study",
     "sweep",
 ]

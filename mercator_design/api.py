@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import tempfile
 import time
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
 
     from mercator_design.results.folder import RunFolder
     from mercator_design.show.page import ReplayPage
+    from mercator_design.study.plan import StudyPlan
+    from mercator_design.study.running import StudyProgress
+    from mercator_design.study.table import StudyTable
 
 SWEEP_RUNS = 30
 """Instances of a sweep, by default."""
@@ -311,6 +315,43 @@ def design(
         request = Request(mission=mission.name, flavour=flavour, method=method, executor="threads", jobs=executor.jobs)
         run_folder = RunFolder.create(Path(folder), designer, request=request, testing=testing)
     return DesignRun(designer, executor, run_folder, on_failure=on_failure, testing=testing)
+
+
+def study(
+    plan: "StudyPlan | Mapping[str, Any] | str | Path",
+    *,
+    folder: str | Path | None = None,
+    jobs: int | None = None,
+    on_failure: OnFailure = "stop",
+    watch: "Callable[[StudyProgress], None]" = lambda progress: None,  # noqa: ARG005 - a name for the reader
+) -> "StudyTable":
+    """Run a study, or what is new in it, and return its tables: `runs` and `designs`, tidy DataFrames.
+
+    Args:
+        plan: The file of the study, or its contents.
+        folder: The study's folder, new or of the same study, as by `mdesign study -o`. [default: one that is deleted]
+        jobs: Experiments run at once. [default: the cores that it may use]
+        on_failure: As `design`.
+        watch: Called with the progress after each experiment.
+
+    Raises:
+        StudyError: The plan is not valid, or the folder has something else.
+        MercatorError: An experiment failed.
+    """
+    from mercator_design.study.folder import StudyFolder
+    from mercator_design.study.plan import plan_of
+    from mercator_design.study.reading import study_table
+    from mercator_design.study.resolving import resolve
+    from mercator_design.study.running import StudyRun
+
+    _check_choice("on_failure", on_failure, get_args(OnFailure))
+    resolved, executor = resolve(plan_of(plan)), ThreadExecutor(jobs)
+    with ExitStack() as resources:
+        path = Path(resources.enter_context(tempfile.TemporaryDirectory()) if folder is None else folder)
+        opened = resources.enter_context(StudyFolder.open(path, resolved))
+        resources.enter_context(executor)
+        StudyRun(resolved, opened, executor, on_failure=on_failure, announce=_log.info, watch=watch).run()
+        return study_table(path)
 
 
 def _check_choice(name: str, value: str, choices: Collection[str]) -> None:

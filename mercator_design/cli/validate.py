@@ -22,8 +22,6 @@ from mercator_design.sim.checks.impossible import angle_warnings
 from mercator_design.sim.checks.no_effect import dead_conditions, floor_warnings, model_warnings, swarm_warnings
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.software.architectures import architecture_of
-from mercator_design.study.plan import load_plan
-from mercator_design.study.resolving import resolve
 
 _TRIED = 100  # cycles in which functions of plugins are tried
 
@@ -57,6 +55,9 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         content = _content(file)
         if {"methods", "missions"} <= content.keys():
+            from mercator_design.study.plan import load_plan  # pandas comes with these
+            from mercator_design.study.resolving import resolve
+
             layout = resolve(load_plan(file)).layout
             experiments = sum(map(layout.n_experiments, layout.cells))
             return f"valid study, {_count(len(layout.cells), 'design')}, {_count(experiments, 'experiment')}"

@@ -4,12 +4,13 @@ This module defines the keys of the file and checks what one sees without readin
 `resolving.py` does the rest.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from mercator_design.config.loading import read
+from mercator_design.config.loading import parse, read
 from mercator_design.config.schema import FieldError, FilePath, Length, Name, OneOf, Range, check
 from mercator_design.config.yaml_tree import FromFile
 from mercator_design.errors import RaceError, StudyError
@@ -159,13 +160,30 @@ class StudyPlan(FromFile):
         check(self)
 
 
-def load_plan(path: Path, overrides: Sequence[str] = ()) -> StudyPlan:
+def plan_of(given: "StudyPlan | Mapping[str, Any] | str | Path") -> StudyPlan:
+    """The plan that is given: as it is, by its file, or as the contents of one; relative paths start from here.
+
+    Raises:
+        StudyError: naming the key of each mistake.
+    """
+    if isinstance(given, StudyPlan):
+        return given
+    if isinstance(given, str | Path):
+        return load_plan(Path(given))
+    found: Any = parse(
+        json.dumps(given), StudyPlan, error=StudyError, label="study", lines=False, defaults={"name": "study"}
+    )
+    plan: StudyPlan = found
+    return plan
+
+
+def load_plan(path: Path) -> StudyPlan:
     """The plan of a study's file.
 
     Raises:
         StudyError: naming file, line and key of each mistake.
     """
     defaults = {"name": path.resolve().stem}
-    given: Any = read(path, StudyPlan, error=StudyError, overrides=overrides, defaults=defaults)
+    given: Any = read(path, StudyPlan, error=StudyError, defaults=defaults)
     found: StudyPlan = given
     return found

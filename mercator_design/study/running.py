@@ -39,6 +39,7 @@ class StudyProgress:
     number: int  # of the cell, from 1
     n_cells: int
     is_assessed: bool  # whether its race has ended
+    is_new: bool  # whether an experiment has run just now
     done: int  # experiments, of all cells
     known: int
     total: int
@@ -205,6 +206,7 @@ class StudyRun:
                 number=number,
                 n_cells=len(self.cells),
                 is_assessed=is_assessed,
+                is_new=is_new and more > 0,
                 done=self._done,
                 known=self._known,
                 total=self._total,

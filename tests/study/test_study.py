@@ -9,11 +9,13 @@ import pandas as pd
 import pytest
 import yaml
 
+import mercator_design as md
 from mercator_design.config.loading import parse
 from mercator_design.errors import StudyError
 from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.sim.robot_model import load_robot_model
+from mercator_design.software.files import read_fsm
 from mercator_design.study.assessment import ASSESSMENT, read_assessment
 from mercator_design.study.folder import Part, StudyFolder
 from mercator_design.study.layout import Cell
@@ -306,6 +308,9 @@ def test_a_dry_run_says_what_would_run(copied, tmp_path, mdesign):
     assert not (tmp_path / "new").exists()
     _, out, _ = mdesign("study", plan_file(tmp_path), "-o", copied, "--dry-run")
     assert "Left       0 experiments" in out
+    assert "no difference at all: 2 designs of each method are too few for 2 tests" in out
+    _, out, _ = mdesign("study", plan_file(tmp_path, PLAN.replace("repetitions: 2", "repetitions: 20")), "--dry-run")
+    assert "standard deviations of a method's designs" in out
 
 
 def test_robot_models_are_a_factor(tmp_path):
@@ -361,3 +366,33 @@ def test_the_schema_of_studies(mdesign):
     jsonschema.validate(yaml.safe_load("name: x" + PLAN), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(yaml.safe_load("repetition: 3" + PLAN), schema)
+
+
+def test_a_race_with_several_seeds_is_a_study(tmp_path, monkeypatch, mdesign):
+    monkeypatch.chdir(tmp_path)
+    race = ("race", "aggregation", "--budget", 40, "--set", "duration=1", "--set", "robots=2", "--test-runs", 2)
+    assert mdesign(*race, "--seeds", "3-4")[0] == 0
+    assert sorted(study_table(tmp_path / "studies/aggregation").runs["seed"].unique()) == [3, 4]
+    assert mdesign(*race, "--seeds", "3-5")[0] == 0
+    assert len(study_table(tmp_path / "studies/aggregation").designs) == 3
+    assert "expected A-B" in refusal(mdesign, *race, "--seeds", "5-3")
+    assert "--seed is of one race" in refusal(mdesign, *race, "--seeds", "3-5", "--seed", 3)
+    code, _, _ = mdesign(*race, "--seed", 4, "-o", tmp_path / "alone")
+    folder = tmp_path / "studies/aggregation/cells/aggregation/halving/40/2"
+    assert code == 0
+    assert read_fsm(tmp_path / "alone" / "fsm.txt").software == read_fsm(folder / "fsm.txt").software
+
+
+def test_python_runs_a_study(tmp_path):
+    plan = {**yaml.safe_load(PLAN), "repetitions": 1, "name": "python"}
+    seen = []
+    table = md.study(plan, folder=tmp_path / "study", watch=seen.append)
+    assert len(table.designs) == 4 * 3
+    assert (seen[-1].done, seen[-1].known) == (4 * (40 + 9), 0)
+    assert [one.done for one in seen] == sorted(one.done for one in seen)
+    again = md.study(plan, folder=tmp_path / "study", watch=seen.append)
+    assert again.runs.equals(table.runs)
+    assert seen[-1].known == seen[-1].total == seen[-1].done
+    assert md.study(plan).runs.equals(table.runs)
+    with pytest.raises(md.MercatorError, match="methods: expected at least one method"):
+        md.study({**plan, "methods": {}})

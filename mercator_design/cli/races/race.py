@@ -24,6 +24,7 @@ from mercator_design.cli.races.common import (
 )
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.races.reporting import NO_COMPARISON, NO_REPORT
+from mercator_design.cli.study.seeds import SEEDS, Seeds, run_seeds
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import print_note
 from mercator_design.designer import Designer
@@ -34,7 +35,7 @@ from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
-_FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
+_FIXED = ("mission", "seed", "seeds", "output", "flavour", "method", "overrides")
 
 
 @click.command()
@@ -46,6 +47,7 @@ _FIXED = ("mission", "seed", "output", "flavour", "method", "overrides")
     "tpe and cma-es. With --resume, a larger budget to continue with.",
 )
 @SEED
+@SEEDS
 @OUTPUT
 @RESUME
 @design_flavour
@@ -72,6 +74,7 @@ def race(
     mission: str | None,
     budget: int | None,
     seed: int,
+    seeds: Seeds | None,
     jobs: int | None,
     output: Path | None,
     resume: Path | None,
@@ -93,7 +96,7 @@ def race(
     fsm.txt in the results' folder, a page on the race to report.html there, and a summary to stdout.
 
     An interrupted race resumes where it stopped: give --resume. A race that has ended continues with --resume and a
-    larger --budget.
+    larger --budget. With --seeds, several races are a study (`mdesign study`).
     """
     check_usage(resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
     executor = executor_of(executor_name, jobs, scheduler, timeout)
@@ -103,6 +106,22 @@ def race(
     else:
         assert mission is not None  # noqa: S101 - `check_usage` has checked
         assert budget is not None  # noqa: S101
+        if seeds is not None:
+            run_seeds(
+                mission,
+                seeds,
+                executor,
+                budget=budget,
+                overrides=overrides,
+                method=method,
+                flavour=flavour,
+                test_runs=test_runs,
+                output=output,
+                executor_name=executor_name,
+                on_failure=given["on_failure"],
+                progress=given["progress"],
+            )
+            return
         testing = _testing(None, {**tests, "runs": TEST_RUNS if test_runs is None else test_runs})
         simulator = Simulator(load_mission(mission, overrides))
         warn_of_mission(simulator, refuse=True)

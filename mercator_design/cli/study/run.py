@@ -24,9 +24,7 @@ from mercator_design.study.plan import StudyPlan, load_plan
 from mercator_design.study.reading import read_status
 from mercator_design.study.resolving import Study, resolve
 from mercator_design.study.running import StudyRun
-
-MIN_REPETITIONS = 2
-"""Designs of a method on a mission below which there are no statistics."""
+from mercator_design.study.statistics.comparison import MIN_DESIGNS
 
 
 class PartOf(click.ParamType):  # type: ignore[type-arg]  # has no argument in click before 8.2
@@ -110,7 +108,7 @@ def checked_study(plan: StudyPlan) -> Study:
         warn_of_mission(mission.simulator, refuse=False)
         for flavour in {method.flavour: None for method in study.methods.values() if not method.made}:
             warn_of_no_effect(mission.simulator, flavour)
-    if 0 < study.layout.repetitions < MIN_REPETITIONS:
+    if 0 < study.layout.repetitions < MIN_DESIGNS:
         warn(
             f"{plan.where('repetitions')}: one design of each method on a mission gives no statistics: there is no "
             "spread between designs; expected 2 or more, in publications 10 or 20"

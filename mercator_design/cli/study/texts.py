@@ -1,13 +1,16 @@
 """Studies as text: progress on stderr, the state of a folder, what a dry run says."""
 
+import math
 from collections import Counter
 from datetime import timedelta
 
 from mercator_design.show.text.progress import Display
 from mercator_design.study.estimate import StudyEstimate
-from mercator_design.study.layout import StudyLayout
+from mercator_design.study.layout import Cell, StudyLayout
 from mercator_design.study.reading import State, StudyStatus
 from mercator_design.study.running import StudyProgress
+from mercator_design.study.statistics.comparison import MIN_DESIGNS
+from mercator_design.study.statistics.power import POWER, visible
 
 _STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to run")
 
@@ -15,13 +18,18 @@ _STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to
 class StudyDisplay(Display):
     """Progress of a study: the cell that runs, the experiments of all, their rate, and the time left."""
 
+    _line_of: Cell | None = None
+
     def note(self, progress: StudyProgress) -> None:
-        """Show the progress; the first of each cell in any case."""
-        self.known = progress.known
+        """Show the progress, in any case when the first experiment of a cell has run."""
+        self.known, self._total = progress.known, progress.total
         stage = "assessing" if progress.is_assessed else "racing"
         text = f"cell {progress.number} of {progress.n_cells}: {progress.cell}: {stage}"
-        if not self._is_silent():
-            self.show(progress.done, text, progress.total)
+        if progress.is_new and progress.cell != self._line_of:
+            self._line_of = progress.cell
+            self.line.conclude(self._state(text, progress.done))
+        elif not self._is_silent():
+            self.show(progress.done, text)
 
 
 def status_text(status: StudyStatus, layout: StudyLayout) -> str:
@@ -80,4 +88,24 @@ def estimate_text(name: str, layout: StudyLayout, estimate: StudyEstimate, n_cel
         f"  {mission}, {method}: {n} experiments of {1000 * estimate.seconds[mission, method]:.1f} ms"
         for (mission, method), n in estimate.experiments.items()
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_power(layout)])
+
+
+def _power(layout: StudyLayout) -> list[str]:
+    """Which difference between two methods the study can see; nothing if it compares none."""
+    raced = [layout.repetitions if n is None else n for n in layout.methods.values()]
+    n_tests = math.comb(len(raced), 2) * len(layout.missions) * max(len(layout.budgets), 1)
+    if not n_tests or min(raced) < MIN_DESIGNS:
+        return []
+    found = visible(min(raced), n_tests)
+    if math.isinf(found.shift):
+        return [
+            f"Sees       no difference at all: {min(raced)} designs of each method are too few for {n_tests} "
+            f"{'test' if n_tests == 1 else 'tests'} at 5 %"
+        ]
+    return [
+        f"Sees       a difference of {found.shift:.2g} standard deviations of a method's designs (the better method's "
+        f"design is better in {100 * found.a_measure:.0f} %",
+        f"           of the pairs) with probability {POWER:g}, at 5 % with Holm's correction for {n_tests} "
+        f"{'test' if n_tests == 1 else 'tests'}",
+    ]

@@ -60,11 +60,21 @@ class SearchOptions:
             test below this) and its mean is higher than that of all results of the best. This is the rule of Optuna's
             WilcoxonPruner, whose default is 0.1. Below 50 instances our test is exact, also with ties, and takes 50 µs;
             scipy's takes up to 100 ms. None: no pruning.
+
+    Raises:
+        RaceError: An option is out of range.
     """
 
     instances: int
     generation: int
     pruning: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("instances", "generation"):
+            if (found := getattr(self, name)) < 1:
+                raise RaceError(f"race option {name}: expected at least 1, found {found}")
+        if self.pruning is not None and not 0 <= self.pruning <= 1:
+            raise RaceError(f"race option pruning: expected 0 to 1, found {self.pruning}")
 
 
 class Search(Optimizer):

@@ -1,0 +1,97 @@
+"""mdesign race --seeds: the same race with several seeds, which is the smallest study."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+from click.core import ParameterSource
+
+from mercator_design.config.shipped import is_path
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.executors.executor import Executor
+from mercator_design.race.session.outcome import OnFailure
+from mercator_design.results.analysis.comparison import TEST_RUNS
+from mercator_design.show.text.progress import Mode
+from mercator_design.study.plan import Assessing, StudyMethod, StudyMission, StudyPlan
+
+_OF_ONE_RACE = ("seed", "resume", "test_elites", "test_iterations", "optuna", "json_lines", "no_comparison")
+
+
+class Seeds(NamedTuple):
+    """The first and the last of consecutive seeds."""
+
+    first: int
+    last: int
+
+
+class _Seeds(click.ParamType):  # type: ignore[type-arg]  # has no argument in click before 8.2
+    name = "A-B"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Seeds:  # noqa: ANN401
+        if isinstance(value, Seeds):
+            return value
+        first, _, last = str(value).partition("-")
+        if first.isdecimal() and last.isdecimal() and int(first) < int(last) < 2**31:
+            return Seeds(int(first), int(last))
+        raise click.BadParameter(f"expected A-B with A below B, as 1-20, found '{value}'", ctx, param)
+
+
+SEEDS = click.option(
+    "--seeds",
+    type=_Seeds(),
+    metavar="A-B",
+    help="Run the race with each of these seeds, e.g. 1-20: a study of one method, in studies/NAME or as -o says. "
+    "The same command resumes it, and extends it to a larger B.",
+)
+
+
+def run_seeds(
+    mission: str,
+    seeds: Seeds,
+    executor: Executor,
+    *,
+    budget: int,
+    overrides: tuple[str, ...],
+    method: str,
+    flavour: str,
+    test_runs: int | None,
+    output: Path | None,
+    executor_name: str,
+    on_failure: OnFailure,
+    progress: Mode,
+) -> None:
+    """Run the study of a race with several seeds.
+
+    Raises:
+        click.UsageError: An option is given that is of one race only.
+    """
+    from mercator_design.cli.study.run import checked_study, run_study  # pandas comes with it, which no race needs
+
+    context = click.get_current_context()
+    for name in _OF_ONE_RACE:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"--{name.replace('_', '-')} is of one race: it cannot be given with --seeds")
+    if test_runs is not None and test_runs < 2:
+        raise click.UsageError(f"--test-runs: expected at least 2 with --seeds, found {test_runs}")
+    name = load_mission(mission, overrides).name
+    plan = StudyPlan(
+        name=name,
+        seed=seeds.first,
+        budgets=(budget,),
+        repetitions=seeds.last - seeds.first + 1,
+        methods={method: StudyMethod(method=method, flavour=flavour)},
+        missions=(StudyMission(mission=str(Path(mission).resolve()) if is_path(mission) else mission, set=overrides),),
+        assess=Assessing(runs=TEST_RUNS if test_runs is None else test_runs),
+    )
+    run_study(
+        checked_study(plan),
+        output or Path("studies") / name,
+        executor,
+        part=None,
+        executor_name=executor_name,
+        on_failure=on_failure,
+        progress=progress,
+        again=shlex.join(["mdesign", *sys.argv[1:]]),
+    )

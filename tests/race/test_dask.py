@@ -1,5 +1,6 @@
 import contextlib
 import importlib.util
+import json
 import logging
 import os
 import queue
@@ -178,16 +179,27 @@ def test_slurm_s_script(tmp_path):
 @needs_jobqueue
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_slurm_s_jobs_end_with_what_asked_for_them(tmp_path, number):
-    for name, does in {"sbatch": 'echo "Submitted batch job 7"', "scancel": 'echo "$@" >> cancelled'}.items():
+    """Until then one that SLURM no longer knows is replaced."""
+    programs = {
+        "sbatch": 'echo x >> submitted; echo "Submitted batch job $(wc -l < submitted)"',
+        "squeue": "tail -n +2 submitted | grep -n x | cut -d : -f 1 | sed s/^1$/2/",  # not job 1
+        "scancel": 'echo "$@" >> cancelled',
+    }
+    for name, does in programs.items():
         (tmp_path / name).write_text(f"#!/bin/sh\n{does}\n")
         (tmp_path / name).chmod(0o755)
     command = [sys.executable, str(Path(__file__).parents[2] / "docs" / "slurm.py"), "--jobs", "1", "--cores", "1"]
     path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with started(*command, cwd=tmp_path, env={**os.environ, "PATH": path}, **streams) as process:
+    environment = {**os.environ, "PATH": path}
+    with started(*command, "--check", "1", cwd=tmp_path, env=environment, **streams) as process:
         assert "1 jobs of 1 workers are asked for" in process.stdout.readline()
+        assert json.loads((tmp_path / "scheduler.json").read_text())["address"].startswith("tcp://")
+        assert process.stdout.readline() == "jobs that have ended are replaced: 1\n"
+        wait_until(lambda: len((tmp_path / "submitted").read_text()) == 2 * len("x\n"))
         process.send_signal(number)
         _, told = process.communicate(timeout=LIMIT)
     assert process.returncode == 128 + number
     assert "Traceback" not in told
-    assert (tmp_path / "cancelled").read_text() == "7\n"
+    assert (tmp_path / "cancelled").read_text() == "2\n"
+    assert not (tmp_path / "scheduler.json").exists()

@@ -17,7 +17,6 @@ import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import cloudpickle
@@ -34,6 +33,7 @@ from mercator_design.race.executors.executor import (
     call_packed,
     check_worker,
 )
+from mercator_design.race.executors.schedulers import TIMEOUT, address_of
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -53,7 +53,7 @@ class DaskExecutor:
     Args:
         scheduler: Its address, such as tcp://host:8786, or its scheduler file.
         jobs: Number of experiments to submit at a time; by default twice the number of the workers' threads.
-        timeout: Seconds to wait for the scheduler.
+        timeout: Seconds to wait for the scheduler, or for its file. [default: those of `schedulers.address_of`]
         announce: Called with a message when experiments wait for a worker or for the scheduler, and when workers
             compile; perhaps in another thread.
 
@@ -66,7 +66,7 @@ class DaskExecutor:
         scheduler: str,
         jobs: int | None = None,
         *,
-        timeout: float = 20.0,
+        timeout: float | None = None,
         announce: Callable[[str], None] = lambda what: None,  # noqa: ARG005 - a name for the reader
     ) -> None:
         try:
@@ -77,9 +77,9 @@ class DaskExecutor:
         self._announce = announce
         self._is_stopping = False
         self._wanted = jobs
-        where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+        address = address_of(scheduler, timeout, announce=announce)
         try:
-            self._client: Any = Client(**where, timeout=timeout, set_as_default=False)
+            self._client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)
             self._n_threads = sum(map(int, self._client.nthreads().values()))  # of all workers, counted now and then
         except (OSError, ValueError, TimeoutError) as error:
             raise RaceError(f"{scheduler}: expected a Dask scheduler there: {error}") from None

@@ -1,6 +1,6 @@
 """The mapper's input from a robot: turns of its lidar, odometry, and the true poses where they are known."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +38,10 @@ class RobotLog:
     truth_times: Floats | None = None  # (k,) [s], rising
     truth: Floats | None = None  # (k, 3) of the robot; the headings are unwrapped
     walls: Floats | None = None  # (w, 4) true walls that the lidar can see: x, y [m] of both ends
+
+    def started(self, pose: Floats) -> "RobotLog":
+        """The same log, of a robot that began at a pose (3,) in the common frame."""
+        return replace(self, start=np.asarray(pose, float))
 
     @property
     def duration(self) -> float:

@@ -8,6 +8,7 @@ import click
 from mercator_design.api import fresh_instances
 from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
+from mercator_design.cli.races.maps import map_elites
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
 from mercator_design.command import print_message, print_note, print_result, warn
 from mercator_design.race.executors.threads import ThreadExecutor
@@ -207,3 +208,6 @@ def ablation(
     if plot is not None:
         with writing(plot):
             save_ablation(plot, result, caption=command_line())
+
+
+runs.add_command(map_elites)

@@ -1,6 +1,5 @@
 """mdesign map: maps of what the lidars of robots saw."""
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -107,4 +106,4 @@ def _started(logs: list[RobotLog], starts: tuple[Pose, ...]) -> list[RobotLog]:
         return logs
     if len(starts) != len(logs):
         raise click.UsageError(f"expected --start once for each of {len(logs)} robots, found {len(starts)}")
-    return [dataclasses.replace(log, start=np.array(start)) for log, start in zip(logs, starts, strict=True)]
+    return [log.started(np.array(start)) for log, start in zip(logs, starts, strict=True)]

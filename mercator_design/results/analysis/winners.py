@@ -42,3 +42,27 @@ def winners(folders: Sequence[Path]) -> tuple[dict[str, Software], Simulator]:
     if first is None:
         raise RaceError("expected races, found none")
     return found, first.simulator
+
+
+def elites(folder: Path, most: int) -> tuple[dict[int, Software], Simulator]:
+    """The elites of a race's last iteration by their numbers, the winner or best first, and the simulator.
+
+    Args:
+        folder: The run folder; its race may be running or interrupted.
+        most: How many.
+
+    Raises:
+        RaceError: The race has no elites yet, or is not of a mission.
+        MissionError: The mission, robot model or plugins cannot be read.
+    """
+    record = read_journal(folder).record
+    task = task_of(folder)
+    if not isinstance(task, Designer):
+        raise RaceError(f"{folder}: expected the race of a mission, found that of a {record.start['task']}")
+    check_configurations(folder, record, task.optimizer.space)
+    view = record.view
+    last = view.iterations[-1].elites if view.incumbents else ()
+    numbers = list(dict.fromkeys([*([] if view.leader is None else [view.leader]), *last]))[:most]
+    if not numbers:
+        raise RaceError(f"{folder}: expected a race with elites, found one whose first iteration has not ended")
+    return {number: decoded(record.configurations[number], task.flavour) for number in numbers}, task.simulator

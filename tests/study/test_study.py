@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 import jsonschema
-import pandas as pd
 import pytest
 import yaml
 
@@ -24,6 +23,7 @@ from mercator_design.study.reading import read_status, study_table
 from mercator_design.study.resolving import resolve
 from mercator_design.study.running import StudyRun
 from mercator_design.study.sampling import sampled_reality
+from tests.tiers import some
 
 pytestmark = pytest.mark.together
 
@@ -49,10 +49,12 @@ def plan_file(folder, text=PLAN):
 
 def contents(folder):
     """What must not depend on how a study came to its end."""
+    files = [path for pattern in ("**/fsm.txt", f"**/{ASSESSMENT}") for path in folder.glob(pattern)]
+    table = study_table(folder)
     return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for pattern in ("**/runs.csv", "**/designs.csv", "**/fsm.txt", f"**/{ASSESSMENT}")
-        for path in folder.glob(pattern)
+        **{str(path.relative_to(folder)): path.read_bytes() for path in files},
+        "runs": table.runs.to_csv(),
+        "designs": table.designs.to_csv(),
     }
 
 
@@ -91,7 +93,7 @@ def test_cells_are_races_with_folders_of_their_own(done):
 
 
 def test_every_design_is_assessed_on_the_same_fresh_instances(done, mdesign):
-    runs = pd.read_csv(done / "tables" / "runs.csv")
+    runs = study_table(done).runs
     assert len(runs) == 8 * 3 * 3
     assert (runs.groupby("reality").size() == 24).all()
     assert list(runs["reality"].unique()) == ["design", "mercator-pseudo-reality", "sampled-0.5"]
@@ -113,7 +115,8 @@ def test_the_same_command_runs_nothing_again(copied, tmp_path, mdesign):
     assert {path: path.stat().st_mtime_ns for path in copied.glob("cells/**/*")} == before
 
 
-@pytest.mark.parametrize("n_experiments", [0, 1, 25, 41, 130, 350])
+@pytest.mark.swept
+@pytest.mark.parametrize("n_experiments", some([41, 350, 1, 0, 25, 130], 2))
 def test_a_stopped_study_is_resumed_to_the_same_tables(n_experiments, done, tmp_path, mdesign):
     """The thorough tier kills processes; what differs there is only when."""
     study, count = resolve(load_plan(plan_file(tmp_path))), [0]
@@ -133,7 +136,7 @@ def test_a_stopped_study_is_resumed_to_the_same_tables(n_experiments, done, tmp_
 
 
 def test_what_is_new_in_a_study_runs_alone(copied, tmp_path, mdesign):
-    before = contents(copied / "cells")
+    before = {path: path.read_bytes() for path in copied.glob(f"cells/**/{ASSESSMENT}")}
     journals = {path: path.read_bytes() for path in copied.glob("cells/**/journal.jsonl")}
     text = PLAN.replace("repetitions: 2", "repetitions: 3").replace(
         "halving: {}", "halving: {}\n  irace: {method: random}"
@@ -142,14 +145,12 @@ def test_what_is_new_in_a_study_runs_alone(copied, tmp_path, mdesign):
     text = text.replace("missions:", "missions:\n  - {mission: shelter, set: [duration=1, robots=2]}")
     assert mdesign("study", plan_file(tmp_path, text), "-o", copied)[0] == 0
     assert {path: path.read_bytes() for path in journals} == journals
-    after = pd.read_csv(copied / "tables" / "runs.csv")
-    assert len(after) == 3 * 3 * 3 * 4 * 4
-    for name in before:
-        if name.endswith(ASSESSMENT):
-            old, new = json.loads(before[name]), read_assessment((copied / "cells" / name).parent)
-            assert {key: list(new.scores[key][:3]) for key in old["scores"]} == old["scores"]
+    assert len(study_table(copied).runs) == 3 * 3 * 3 * 4 * 4
+    for path, text in before.items():
+        old, new = json.loads(text), read_assessment(path.parent)
+        assert {key: list(new.scores[key][:3]) for key in old["scores"]} == old["scores"]
     mdesign("study", plan_file(tmp_path), "-o", copied)  # what is taken away is kept, but is not in the tables
-    assert len(pd.read_csv(copied / "tables" / "runs.csv")) == 8 * 3 * 3
+    assert len(study_table(copied).runs) == 8 * 3 * 3
     assert (copied / "cells" / "shelter").exists()
 
 
@@ -208,7 +209,6 @@ def test_parts_share_a_study(done, tmp_path, mdesign):
     assert sum(map(len, cells)) == 8
     with StudyFolder.open(folder, study, Part(1, 3)):
         assert mdesign("study", plan, "-o", folder, "--part", "2/3")[0] == 0
-        assert not (folder / "tables").exists()
         for part in ("1/3", "1/2"):
             assert "is working on this study" in refusal(mdesign, "study", plan, "-o", folder, "--part", part)
         assert "is working on this study" in refusal(mdesign, "study", plan, "-o", folder)
@@ -396,3 +396,15 @@ def test_python_runs_a_study(tmp_path):
     assert md.study(plan).runs.equals(table.runs)
     with pytest.raises(md.MercatorError, match="methods: expected at least one method"):
         md.study({**plan, "methods": {}})
+
+
+def test_the_page_and_files_of_a_study(copied, mdesign):
+    shutil.rmtree(copied / "cells/near/random/40/2")  # as of a study that is not done
+    code, out, _ = mdesign("study", "report", copied)
+    assert code == 0
+    assert f"Report     {copied / 'report.html'}" in out
+    assert len((copied / "tables/designs.csv").read_text().splitlines()) == 1 + 7 * 3
+    assert "mdesign study report" in (copied / "report.html").read_text()
+    shutil.rmtree(copied / "cells")
+    assert "expected designs that are assessed, found none yet" in refusal(mdesign, "study", "report", copied)
+    assert "not the folder of a study" in refusal(mdesign, "study", "report", copied.parent)

@@ -119,6 +119,7 @@ def race(
                 output=output,
                 executor_name=executor_name,
                 on_failure=given["on_failure"],
+                reports=not given["no_report"],
                 progress=given["progress"],
             )
             return

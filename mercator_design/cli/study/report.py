@@ -1,33 +1,39 @@
-"""mdesign study report: the page and the tables of a study."""
+"""mdesign study report: the page, the tables and the figures of a study."""
 
+import shlex
 from pathlib import Path
 
 import click
 
 from mercator_design.cli.options import FOLDER
-from mercator_design.command import print_result
-from mercator_design.errors import StudyError
+from mercator_design.cli.terminal import terminal_width, wrapped
+from mercator_design.command import print_note, print_result
+from mercator_design.show.study.folder import FIGURES, PAGE, TABLES, write_study
+from mercator_design.show.study.verdicts import headlines
 from mercator_design.study.reading import study_table
-from mercator_design.system.files import write_text, writing
 
 
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: Path) -> None:
-    """Write the page and the tables of the study in DIRECTORY again, of all designs that are assessed so far."""
+    """Write the page, the tables and the figures of the study in DIRECTORY again.
+
+    They are of all designs that are assessed in all realities so far.
+    """
     write_results(directory)
 
 
 def write_results(folder: Path) -> None:
-    """Write what comes out of a study into its folder.
+    """Write what comes out of a study into its folder, and print the answer.
 
     Raises:
-        StudyError: No design is assessed, or a file cannot be written.
+        StudyError: No design is assessed.
+        MercatorError: A file cannot be written.
     """
     table = study_table(folder)
-    tables = folder / "tables"
-    with writing(tables, StudyError):
-        tables.mkdir(exist_ok=True)
-        for name, rows in (("runs", table.runs), ("designs", table.designs)):
-            write_text(tables / f"{name}.csv", rows.to_csv(index=False))
-    print_result(f"Tables     {tables}")
+    print_note("Report: comparing designs, and drawing the figures ...")
+    results = write_study(folder, table, shlex.join(["mdesign", "study", "report", str(folder)]))
+    for sentence in headlines(results):
+        print_result(wrapped(sentence, terminal_width()))
+    for name, path in (("Report", PAGE), ("Tables", TABLES), ("Figures", FIGURES)):
+        print_result(f"{name:<10} {folder / path}")

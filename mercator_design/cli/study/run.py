@@ -11,6 +11,7 @@ from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import FOLDER, PLUGIN, PROGRESS
 from mercator_design.cli.races.common import NOTICE, ON_FAILURE
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
+from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.study.report import write_results
 from mercator_design.cli.study.texts import StudyDisplay, estimate_text, status_text
 from mercator_design.cli.terminal import Interrupt
@@ -59,6 +60,7 @@ class PartOf(click.ParamType):  # type: ignore[type-arg]  # has no argument in c
 @EXECUTOR
 @ON_FAILURE
 @PLUGIN
+@NO_REPORT
 @PROGRESS
 def run(
     study: Path,
@@ -70,9 +72,10 @@ def run(
     scheduler: str | None,
     timeout: float | None,
     on_failure: OnFailure,
+    no_report: bool,
     progress: Mode,
 ) -> None:
-    """Run the races of STUDY, a YAML file, and assess their designs; then write the page and the tables.
+    """Run the races of STUDY, a YAML file, and assess their designs; then write the page, tables and figures.
 
     Each design is a race in a run folder of its own, below cells/ in the study's folder. The same command resumes a
     study that was interrupted, whatever interrupted it, and runs what is new in its file: repetitions, methods,
@@ -92,6 +95,7 @@ def run(
         part=part,
         executor_name=executor_name,
         on_failure=on_failure,
+        reports=not no_report,
         progress=progress,
         again=shlex.join(["mdesign", "study", str(study), "-o", str(folder)]),
     )
@@ -124,6 +128,7 @@ def run_study(
     part: Part | None,
     executor_name: str,
     on_failure: OnFailure,
+    reports: bool,
     progress: Mode,
     again: str,
 ) -> None:
@@ -154,9 +159,9 @@ def run_study(
             raise
         status = read_status(path)
         print_result(status_text(status, layout))
-        if status.is_done:
+        if status.is_done and reports:
             write_results(path)
-        else:
+        elif not status.is_done:
             print_note("Note: the page and the tables are written when the other parts have ended")
 
 

@@ -60,6 +60,7 @@ def run_seeds(
     output: Path | None,
     executor_name: str,
     on_failure: OnFailure,
+    reports: bool,
     progress: Mode,
 ) -> None:
     """Run the study of a race with several seeds.
@@ -92,6 +93,7 @@ def run_seeds(
         part=None,
         executor_name=executor_name,
         on_failure=on_failure,
+        reports=reports,
         progress=progress,
         again=shlex.join(["mdesign", *sys.argv[1:]]),
     )

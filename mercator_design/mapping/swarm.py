@@ -7,14 +7,15 @@ import numpy as np
 
 from mercator_design import seeds
 from mercator_design.arrays import Flags, Floats, Numbers
-from mercator_design.mapping.frames.fragment import fragments
+from mercator_design.mapping.frames.consistency import Component
+from mercator_design.mapping.frames.fragment import Fragment, bent, fragments, keyframes_of
 from mercator_design.mapping.frames.joining import Joined, join
 from mercator_design.mapping.frames.links import FrameLink
 from mercator_design.mapping.front.lag import track_of
 from mercator_design.mapping.joint.refinement import Refined, refine
 from mercator_design.mapping.joint.uncertainty import SAMPLES, uncertainty_of
 from mercator_design.mapping.logs import RobotLog
-from mercator_design.mapping.loops.closures import close_loops
+from mercator_design.mapping.loops.closures import ROUNDS, close_loops, closed
 from mercator_design.mapping.poses import compose, inverse
 from mercator_design.mapping.track import Track
 
@@ -107,7 +108,7 @@ def _needs_loops(track: Track) -> bool:
 
 
 def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Generator, say: Report) -> SwarmMap:
-    number_of = [next(k for k, track in enumerate(tracks) if track is part.track) for part in joined.parts]
+    number_of = [next(k for k, track in enumerate(tracks) if track.log is part.track.log) for part in joined.parts]
     found = [track.keyframes.poses.copy() for track in tracks]
     without_keyframes: list[tuple[int, int, Floats]] = []
     maps = [np.full(track.n_segments, -1) for track in tracks]
@@ -117,6 +118,9 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
     frames = [np.zeros((track.n_segments, 3, 3)) for track in tracks]
     for number, component in enumerate(joined.components):
         parts = [joined.parts[k] for k in component.members]
+        if any(link.source == "overlap" and link.is_accepted and link.a in component.members for link in joined.links):
+            say("loops", 1.0)
+            parts = _closed(parts, component, generator)
         result = refine(
             parts,
             component.frames,
@@ -151,6 +155,17 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
         *(tuple(changed), tuple(maps), clocks, joined.furniture, joined.links, joined.messages),
         *(tuple(covariances), tuple(frames)),
     )
+
+
+def _closed(parts: Sequence[Fragment], component: Component, generator: np.random.Generator) -> list[Fragment]:
+    """The parts of a component, whose maps share no more than a part, with loops closed within and between them."""
+    found = list(parts)
+    for number, one in enumerate(ROUNDS[1:]):
+        if number:
+            result = refine(found, component.frames, component.offsets, generator)
+            found = bent(found, component.frames, np.concatenate(result.poses))
+        found = bent(found, component.frames, closed(keyframes_of(found, component.frames), one))
+    return found
 
 
 def _given_frame(joined: Joined, members: Sequence[int], result: Refined) -> Floats:

@@ -29,6 +29,31 @@ class Keyframes(NamedTuple):
         one = slice(self.first[number], self.first[number + 1])
         return self.points[one], self.normals[one]
 
+    def of_segment(self, number: int) -> "Keyframes":
+        """Those of a segment."""
+        return self.some(*np.searchsorted(self.segments, [number, number + 1]).tolist())
+
+    def some(self, low: int, high: int) -> "Keyframes":
+        """Those of the numbers from the first one to before the last one."""
+        points = slice(self.first[low], self.first[high])
+        return Keyframes(
+            *(self.turns[low:high], self.poses[low:high], self.segments[low:high]),
+            *(self.first[low : high + 1] - self.first[low], self.points[points], self.normals[points]),
+        )
+
+    @classmethod
+    def together(cls, ways: "list[Keyframes]") -> "Keyframes":
+        """The keyframes of several ways in one frame; the number of the way stands for that of the segment."""
+        lengths = np.concatenate([[0], *(np.diff(way.first) for way in ways)])
+        return cls(
+            np.concatenate([way.turns for way in ways]),
+            np.concatenate([way.poses for way in ways]),
+            np.repeat(np.arange(len(ways)), [len(way.turns) for way in ways]),
+            np.cumsum(lengths),
+            np.concatenate([way.points for way in ways]),
+            np.concatenate([way.normals for way in ways]),
+        )
+
 
 class Clusters(NamedTuple):
     """Small free-standing clusters of returns: heads of other robots, and thin furniture."""

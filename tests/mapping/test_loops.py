@@ -111,13 +111,18 @@ def test_wrong_loops_change_nothing(share):
     assert weights[-n:].max() < 0.01
 
 
-def corridor_log(seed=1, rounds=2, lidar_step=0.5):
+RING = [
+    *(analytic.box(-7, -5, 7, 5), analytic.box(-5, -3, 5, 3)),
+    *(analytic.box(x, -5, x + 0.5, -4.7) for x in (-5.2, -2.0, 0.5, 4.0)),
+    *(analytic.box(x, 4.6, x + 0.7, 5) for x in (-4.4, -1.1, 2.2, 3.9)),
+    *(analytic.box(6.6, y, 7, y + 0.4) for y in (-3.0, 0.2, 1.7)),
+    analytic.box(-7, -0.6, -6.5, 0.3),
+]
+CORNERS = np.array([[-6, -4], [6, -4], [6, 4], [-6, 4]])
+
+
+def corridor_log(seed=1, rounds=2, lidar_step=0.5, walls=RING, corners=CORNERS):
     """A few scans of half a turn in a ring of corridors, 14 x 10 m, with doors; odometry that drifts by metres."""
-    walls = [analytic.box(-7, -5, 7, 5), analytic.box(-5, -3, 5, 3)]
-    walls += [analytic.box(x, -5, x + 0.5, -4.7) for x in (-5.2, -2.0, 0.5, 4.0)]
-    walls += [analytic.box(x, 4.6, x + 0.7, 5) for x in (-4.4, -1.1, 2.2, 3.9)]
-    walls += [analytic.box(6.6, y, 7, y + 0.4) for y in (-3.0, 0.2, 1.7)] + [analytic.box(-7, -0.6, -6.5, 0.3)]
-    corners = np.array([[-6, -4], [6, -4], [6, 4], [-6, 4]])
     way = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         n = round(np.hypot(*(end - start)) / lidar_step)

@@ -80,7 +80,7 @@ def _inconsistent(n: int, links: Sequence[FrameLink]) -> list[tuple[int, str]] |
 
 def _rank(link: FrameLink) -> tuple[int, float]:
     """Links by maps are weaker than given starts, and these than sightings."""
-    return ("maps", "start", "sightings").index(link.source), link.support
+    return ("overlap", "maps", "start", "sightings").index(link.source), link.support
 
 
 def _similar(first: FrameLink, second: FrameLink) -> bool:

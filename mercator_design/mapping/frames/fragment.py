@@ -1,13 +1,14 @@
 """A part of a robot's way that has one frame: a whole log, or what lies between two moments when the robot was lost."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
 from mercator_design.mapping.poses import compose, interpolate, inverse, transform, wrap
-from mercator_design.mapping.track import Track
+from mercator_design.mapping.track import Keyframes, Track
 
 STEP = 0.02
 """[s] Between the poses of a fragment."""
@@ -66,6 +67,38 @@ class Fragment:
         """The same with some of its sightings."""
         times, points, rows = self.sightings.times, self.sightings.points, self.sightings.rows
         return replace(self, sightings=Sightings(times[kept], points[kept], rows[kept]))
+
+    @property
+    def keyframes(self) -> Keyframes:
+        """Its keyframes."""
+        return self.track.keyframes.of_segment(self.segment)
+
+    def with_keyframes(self, found: Floats) -> "Fragment":
+        """The same with other poses (k, 3) of its keyframes; its turns, poses and sightings follow."""
+        of_track = self.track.keyframes.poses.copy()
+        of_track[self.track.keyframes.segments == self.segment] = found
+        moved = _fragment(self.track.with_keyframes(of_track), self.segment)
+        return moved.with_sightings(np.isin(moved.sightings.rows, self.sightings.rows))
+
+    def is_of_robot(self, other: "Fragment") -> bool:
+        """Whether both are of one robot."""
+        return self.track.log is other.track.log
+
+
+def keyframes_of(parts: Sequence[Fragment], frames: Floats) -> Keyframes:
+    """The keyframes of fragments that stand at frames (parts, 3), all in one frame."""
+    own = [part.keyframes for part in parts]
+    return Keyframes.together([one._replace(poses=compose(at, one.poses)) for one, at in zip(own, frames, strict=True)])
+
+
+def bent(parts: Sequence[Fragment], frames: Floats, poses: Floats) -> list[Fragment]:
+    """Fragments, at frames (parts, 3), whose keyframes have new poses (k, 3) in the frame of these."""
+    found, begin = [], 0
+    for part, frame in zip(parts, frames, strict=True):
+        end = begin + len(part.keyframes.turns)
+        found.append(part.with_keyframes(compose(inverse(frame), poses[begin:end])))
+        begin = end
+    return found
 
 
 def fragments(track: Track, min_turns: int = 10) -> list[Fragment]:

@@ -2,18 +2,20 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.arrays import Flags
+from mercator_design.arrays import Flags, Floats
 from mercator_design.mapping.frames.consistency import Component, Merge, merged
-from mercator_design.mapping.frames.fragment import Fragment, fragments
+from mercator_design.mapping.frames.fragment import Fragment, bent, fragments, keyframes_of
 from mercator_design.mapping.frames.links import FrameLink, link_by_sightings
 from mercator_design.mapping.frames.map_matching import match_maps
+from mercator_design.mapping.frames.overlap import overlap
 from mercator_design.mapping.frames.persistence import furniture
-from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, open_share, walls_of
+from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, open_share, walls_of, walls_seen
 from mercator_design.mapping.poses import between, compose, inverse
 from mercator_design.mapping.track import Track
 
@@ -55,7 +57,7 @@ def join(tracks: Sequence[Track], clock_search: float = 3.0, report: Callable[[f
     messages = _messages(parts, merge)
     of_tracks = [np.zeros(len(track.clusters.times), dtype=np.bool_) for track in tracks]
     for part, flags in zip(found, standing, strict=True):
-        number = next(k for k, track in enumerate(tracks) if track is part.track)
+        number = next(k for k, track in enumerate(tracks) if track.log is part.track.log)
         of_tracks[number][part.sightings.rows[flags]] = True
     return Joined(tuple(parts), tuple(of_tracks), merge.components, merge.links, messages)
 
@@ -63,7 +65,7 @@ def join(tracks: Sequence[Track], clock_search: float = 3.0, report: Callable[[f
 def _links_by_sightings(
     parts: Sequence[Fragment], clock_search: float, report: Callable[[float], None] | None
 ) -> list[FrameLink]:
-    pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if parts[a].track is not parts[b].track]
+    pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if not parts[a].is_of_robot(parts[b])]
     maps = _Maps(parts)
     found = []
     for done, (a, b) in enumerate(pairs):
@@ -111,49 +113,60 @@ def _links_by_starts(parts: Sequence[Fragment]) -> list[FrameLink]:
     ]
 
 
-def _joined_by_maps(parts: Sequence[Fragment], merge: Merge) -> Merge:
-    """Join components by their maps, the best match first, until none is accepted."""
-    tried: dict[tuple[tuple[int, ...], tuple[int, ...]], FrameLink | None] = {}
-    while len(merge.components) > 1:
-        components = merge.components[:_MAX_MAPS]
-        for first, second in combinations(components, 2):
-            key = first.members, second.members
-            if key not in tried:
-                tried[key] = _link_by_maps(parts, first, second)
-        current = [tried[one.members, other.members] for one, other in combinations(components, 2)]
-        accepted = [link for link in current if link is not None and link.is_accepted]
-        refused = [link for link in current if link is not None and not link.is_accepted]
-        known = [link for link in merge.links if not (link.source == "maps" and not link.is_accepted)]
+class _ByMaps(NamedTuple):
+    """How two components stand by their maps."""
+
+    link: FrameLink | None  # None: one of them has hardly any walls
+    bent: Floats | None = None  # (k, 3) keyframes of the first one and then of the second one, in the first one's frame
+
+
+def _joined_by_maps(parts: list[Fragment], merge: Merge) -> Merge:
+    """Join components by their maps, the best match first, until none is accepted; changes parts that loops bend."""
+    tried: dict[tuple[tuple[int, ...], tuple[int, ...]], _ByMaps] = {}
+    while True:
+        pairs = list(combinations(merge.components[:_MAX_MAPS], 2))
+        for first, second in pairs:
+            if (first.members, second.members) not in tried:
+                tried[first.members, second.members] = _by_maps(parts, first, second)
+        current = [(first, second, tried[first.members, second.members]) for first, second in pairs]
+        links = [(one, link) for one in current if (link := one[2].link) is not None]
+        accepted = [(one, link) for one, link in links if link.is_accepted]
+        known = [link for link in merge.links if link.is_accepted or link.source not in ("maps", "overlap")]
         if not accepted:
-            return Merge(merge.components, (*known, *refused))
-        best = max(accepted, key=lambda link: link.support)
-        merge = merged(len(parts), [*known, best])
-        if len(merge.components) >= len(components) and not merge.links[-1].is_accepted:
-            return merge
-    return merge
+            return Merge(merge.components, (*known, *(link for _, link in links)))
+        (first, second, found), best = max(accepted, key=lambda one: (one[1].source == "maps", one[1].support))
+        if found.bent is not None:
+            members = (*first.members, *second.members)
+            at = np.concatenate([first.frames, compose(best.frame, second.frames)])
+            for member, part in zip(members, bent([parts[k] for k in members], at, found.bent), strict=True):
+                parts[member] = part
+        merge = merged(len(parts), [*known, best])  # it closes no cycle, so it is used
 
 
-def _link_by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> FrameLink | None:
-    walls = [walls_of([parts[k] for k in one.members], list(one.frames)) for one in (first, second)]
+def _by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> _ByMaps:
+    keyframes = [keyframes_of([parts[k] for k in one.members], one.frames) for one in (first, second)]
+    walls = [walls_seen(one) for one in keyframes]
     if min(len(one.points) for one in walls) == 0:
-        return None
+        return _ByMaps(None)
     field, of_second = field_of(walls[0]), field_of(walls[1])
     match = match_maps(walls[1], field, walls[0])
     if match is None:
-        return None
+        return _ByMaps(None)
     # The longest fragments stand for their components.
     link = FrameLink(first.members[0], second.members[0], match.frame, "maps", match.score, second=match.second)
-    if match.refusal:
-        return link.refused(match.refusal)
     unseen = max(open_share(field), open_share(of_second))
-    if unseen > MAX_OPEN:
-        return link.refused(
-            f"{unseen:.0%} of the border of one map is open: two halves of a symmetric arena would fit as well"
-        )
     share = max(conflict(walls[1], field, match.frame), conflict(walls[0], of_second, inverse(match.frame)))
-    if share > MAX_CONFLICT:
-        return link.refused(f"{share:.0%} of the walls of one map stand where beams went through in the other one")
-    return link
+    if match.refusal:
+        link = link.refused(match.refusal)
+    elif unseen > MAX_OPEN:
+        reason = f"{unseen:.0%} of the border of one map is open: two halves of a symmetric arena would fit as well"
+        link = link.refused(reason)
+    elif share > MAX_CONFLICT:
+        link = link.refused(f"{share:.0%} of the walls of one map stand where beams went through in the other one")
+    if link.is_accepted or (found := overlap(keyframes[0], keyframes[1], match.peaks)) is None:
+        return _ByMaps(link)
+    link = replace(link, frame=found.frame, source="overlap", support=found.scans, second=found.second)
+    return _ByMaps(link.refused(found.refusal), found.poses)
 
 
 def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
@@ -163,6 +176,11 @@ def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
         names = f"{parts[link.a].name} and {parts[link.b].name}"
         if link.is_accepted and link.source == "maps":
             said.append(f"{names} never met long enough; their maps agree in {link.support:.0%} of the walls.")
+        elif link.is_accepted and link.source == "overlap":
+            said.append(
+                f"{names} never met long enough; their maps share a part: {link.support:.0f} scans of one are found in "
+                "the other one."
+            )
         elif link.source == "start" and not link.is_accepted:
             said.append(f"{names}: the given starts disagree with what was seen, so they are not used: {link.refusal}.")
     for component in merge.components:

@@ -47,7 +47,7 @@ class FrameLink:
     a: int
     b: int
     frame: Floats  # (3,) of b in a
-    source: Literal["sightings", "maps", "start"]
+    source: Literal["sightings", "maps", "overlap", "start"]
     support: float  # the greater, the more evidence; comparable within a source
     offset: float = 0.0  # [s] b's clock less a's
     votes: int = 0  # sightings that agree

@@ -37,6 +37,7 @@ class MapMatch(NamedTuple):
     score: float  # mean value of the field at its walls
     second: float  # the score of the best frame that is distinct from it, over its own
     refusal: str  # why it is not enough; empty: it is
+    peaks: tuple[Floats, ...]  # distinct frames (3,) before they were refined, those with the best scores first
 
 
 def match_maps(walls: Walls, field: Field, of_field: Walls) -> MapMatch | None:
@@ -58,7 +59,7 @@ def match_maps(walls: Walls, field: Field, of_field: Walls) -> MapMatch | None:
     rivals = [one for one, frame in scored if _is_distinct(best, np.array(frame))]
     rivals += [one for one, frame in peaks if _is_distinct(best, frame)][:1]
     second = max([*rivals, 0.0]) / max(score, 1e-9)
-    return MapMatch(best, score, second, _refusal(score, second))
+    return MapMatch(best, score, second, _refusal(score, second), tuple(frame for _, frame in peaks))
 
 
 def _refusal(score: float, second: float) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mercator_design.arrays import Flags, Floats, Numbers
-from mercator_design.mapping.frames.fragment import Fragment
-from mercator_design.mapping.poses import compose, rotate, transform
+from mercator_design.mapping.frames.fragment import Fragment, keyframes_of
+from mercator_design.mapping.poses import rotate, transform
+from mercator_design.mapping.track import Keyframes
 
 CELL = 0.05
 """[m]"""
@@ -58,13 +59,17 @@ class Field(NamedTuple):
 
 def walls_of(parts: Sequence[Fragment], frames: Sequence[Floats]) -> Walls:
     """The walls that the keyframes of fragments saw, these standing at some frames (3,)."""
+    return walls_seen(keyframes_of(parts, np.array(frames)))
+
+
+def walls_seen(keyframes: Keyframes) -> Walls:
+    """The walls that keyframes saw, in their frame."""
     points, normals, views, ends = [], [], [], []
-    for part, frame in zip(parts, frames, strict=True):
-        keyframes = part.track.keyframes
-        chosen = np.flatnonzero(keyframes.segments == part.segment)
+    for way in np.unique(keyframes.segments):
+        chosen = np.flatnonzero(keyframes.segments == way)
         viewed = set(chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), _MAX_VIEWS)).astype(np.int64)].tolist())
         for k in chosen.tolist():
-            pose = compose(frame, keyframes.poses[k])
+            pose = keyframes.poses[k]
             own, across = keyframes.of(k)
             points.append(transform(pose, own.astype(float)))
             normals.append(rotate(float(pose[2]), across.astype(float)))

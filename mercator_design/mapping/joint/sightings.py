@@ -47,7 +47,7 @@ def sighting_factors(
         seen = transform(frames[a], part.sightings.points)
         nearest, distance = np.full(len(times), -1), np.full(len(times), _GATE)
         for b, other in enumerate(parts):
-            if other.track is part.track:
+            if other.is_of_robot(part):
                 continue
             place = transform(frames[b], other.at(times + offsets[b] - offsets[a])[:, :2])
             away = np.hypot(*(seen - place).T)

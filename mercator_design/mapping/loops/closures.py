@@ -51,29 +51,45 @@ def close_loops(track: Track, refine: Callable[[Track], Track] | None = None) ->
         refine: Called after each round; for example, a joint refinement of all keyframes.
     """
     for one in ROUNDS:
-        found = track.keyframes.poses.copy()
-        for number in range(track.n_segments):
-            of_segment = np.nonzero(track.keyframes.segments == number)[0]
-            loops = find_loops(track.keyframes, of_segment, one)
-            if len(loops.starts):
-                found[of_segment], _ = graph.optimise(found[of_segment], graph.chain(found[of_segment]) + loops)
-        track = track.with_keyframes(found)
+        parts = [closed(track.keyframes.of_segment(number), one) for number in range(track.n_segments)]
+        track = track.with_keyframes(np.concatenate([np.zeros((0, 3)), *parts]))
         if refine is not None:
             track = refine(track)
     return track
 
 
-def find_loops(keyframes: Keyframes, of_segment: Numbers, needs: Round) -> graph.Edges:
-    """Edges between keyframes, which are numbered as in `of_segment` (n,); each may be wrong."""
-    places = keyframes.poses[of_segment]
-    nodes = _nodes(places)
+def closed(keyframes: Keyframes, needs: Round) -> Floats:
+    """Poses (k, 3) of keyframes that agree where a robot came back, or where another one was.
+
+    Args:
+        keyframes: In one frame; those of a segment, one after the other, are a way.
+        needs: What a loop needs.
+    """
+    loops = find_loops(keyframes, needs)
+    if not len(loops.starts):
+        return keyframes.poses
+    return graph.optimise(keyframes.poses, graph.ways(keyframes.poses, keyframes.segments) + loops)[0]
+
+
+def find_loops(keyframes: Keyframes, needs: Round, sides: Numbers | None = None) -> graph.Edges:
+    """Edges between keyframes (n); each may be wrong.
+
+    Args:
+        keyframes: As those of `closed`.
+        needs: What a loop needs.
+        sides: (n,) if given, only loops from a lower to a higher number of these count.
+    """
+    places, ways = keyframes.poses, keyframes.segments
+    nodes = nodes_of(places, ways)
     found: list[tuple[int, int, Floats, Floats]] = []
     matcher = Matcher()
-    for candidate, scans in sorted(_candidates(places[nodes], _NEAR + needs.window.place).items()):
-        submap = _Submap(keyframes, of_segment[nodes], candidate)
+    groups = ways[nodes], None if sides is None else sides[nodes]
+    for candidate, scans in sorted(_candidates(places[nodes], *groups, _NEAR + needs.window.place).items()):
+        own = np.flatnonzero(ways[nodes] == ways[nodes[candidate]])
+        submap = _Submap(keyframes, nodes[own], int(np.searchsorted(own, candidate)))
         for scan in scans:
             guess = poses.between(places[nodes[candidate]], places[nodes[scan]])
-            points, normals = (one.astype(float) for one in keyframes.of(of_segment[nodes[scan]]))
+            points, normals = (one.astype(float) for one in keyframes.of(nodes[scan]))
             match = submap.match(points, normals, guess, needs, matcher)
             if match is not None:
                 found.append((nodes[candidate], nodes[scan], *match))
@@ -85,6 +101,12 @@ def find_loops(keyframes: Keyframes, of_segment: Numbers, needs: Round) -> graph
         np.array([one[3] for one in found]).reshape(n, 3, 3),
         np.ones(n, bool),
     )
+
+
+def nodes_of(places: Floats, ways: Numbers) -> Numbers:
+    """The numbers of poses (n, 3) of ways, which are numbered (n,), that are a step apart."""
+    rows = [np.flatnonzero(ways == one) for one in np.unique(ways)]
+    return np.concatenate([np.zeros(0, int), *(own[_nodes(places[own])] for own in rows)])
 
 
 def _nodes(places: Floats) -> Numbers:
@@ -101,23 +123,28 @@ def _nodes(places: Floats) -> Numbers:
     return np.array(chosen, int)
 
 
-def _candidates(places: Floats, near: float) -> dict[int, list[int]]:
-    """For nodes with poses (n, 3): by candidate, the later scans that may see the same."""
+def _candidates(places: Floats, ways: Numbers, sides: Numbers | None, near: float) -> dict[int, list[int]]:
+    """For nodes with poses (n, 3), by candidate: the scans that may see the same, later in its way or in later ways."""
     found: dict[int, list[int]] = defaultdict(list)
-    if len(places) <= _AGO:
+    if not len(places):
         return found
     tree = cKDTree(places[:, :2])
-    for scan in range(_AGO, len(places)):
+    for scan in range(len(places)):
         around = np.array(sorted(tree.query_ball_point(places[scan, :2], near)), int)
-        around = around[around <= scan - _AGO]
-        order = np.argsort(np.hypot(*(places[around, :2] - places[scan, :2]).T), kind="stable")
-        chosen: list[int] = []
-        for other in around[order].tolist():
-            if all(abs(other - one) >= _APART for one in chosen):
-                chosen.append(other)
-                found[other].append(scan)
-                if len(chosen) == _CANDIDATES:
-                    break
+        is_own = ways[around] == ways[scan]
+        if sides is None:
+            kinds = around[is_own & (around <= scan - _AGO)], around[ways[around] < ways[scan]]
+        else:
+            kinds = around[:0], around[sides[around] < sides[scan]]
+        for allowed in kinds:
+            order = np.argsort(np.hypot(*(places[allowed, :2] - places[scan, :2]).T), kind="stable")
+            chosen: list[int] = []
+            for other in allowed[order].tolist():
+                if all(abs(other - one) >= _APART for one in chosen):
+                    chosen.append(other)
+                    found[other].append(scan)
+                    if len(chosen) == _CANDIDATES:
+                        break
     return found
 
 

@@ -52,6 +52,17 @@ def chain(found: Floats, place: float = 0.03, heading: float = 0.0087) -> Edges:
     return Edges(starts, starts + 1, motions, information, np.zeros(len(starts), bool))
 
 
+def ways(found: Floats, numbers: Numbers) -> Edges:
+    """Edges between the consecutive poses (n, 3) of each way, which are numbered (n,) in rising order.
+
+    Weak ones hold a way at the one before it, as the poses stand.
+    """
+    edges = chain(found)
+    is_between = numbers[1:] != numbers[:-1]
+    edges.information[is_between] = np.diag([1.0, 1.0, 25.0])
+    return edges
+
+
 def errors(found: Floats, edges: Edges) -> Floats:
     """Errors (e, 3) of the edges: the motion between two poses less the measured one."""
     left = poses.between(found[edges.starts], found[edges.ends]) - edges.motions

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from mercator_design import __version__
+from mercator_design.config.schema import one_of
 from mercator_design.config.writing import digest_of, dump
-from mercator_design.errors import FsmError, MissionError, RaceError, SimulationError, excerpt
+from mercator_design.errors import FsmError, RaceError, SimulationError, excerpt
 from mercator_design.jit import announced, compiling, kernels_digest
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.architecture import Software
@@ -34,7 +35,7 @@ from mercator_design.plugins.loading import load_plugin, loaded_plugins, plugins
 from mercator_design.plugins.sources import Plugin
 from mercator_design.race import Configuration, Experiment, Parameter, Space, categorical, integer, real
 from mercator_design.race.irace.parameters import parameters_text
-from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS, options_of
+from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS, SEVERAL_COSTS, options_of
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
 from mercator_design.race.session.task import RaceResult, Start, Task
 from mercator_design.race.space.relations import ValueIn, ValuePlus
@@ -92,7 +93,8 @@ def _measured(outcome: Outcome) -> Measurement:
     digest = hashlib.blake2b(trace.poses[-1].tobytes(), digest_size=8)
     digest.update(trace.states[-1].tobytes())
     digest.update(outcome.score.hex().encode())
-    return Measurement(outcome.score, digest.hexdigest())
+    scores = outcome.scored.by_objective
+    return Measurement(outcome.score, digest.hexdigest(), scores if len(scores) > 1 else ())
 
 
 def _elsewhere(plugins: tuple[Plugin, ...], kernels: str, flavour: Flavour, packed: bytes) -> Experimenter:
@@ -148,14 +150,18 @@ class Designer(Task[tuple[Software, int]]):
         for module in flavour_of(flavour).modules:
             simulator.check_module(module, flavour)
         simulator.refuse_impossible()
-        if simulator.mission.is_ranked_by_all:
-            raise MissionError(f"{simulator.mission.name}: a race needs weights of the objectives, which sum them")
+        if simulator.mission.is_ranked_by_all and method not in SEVERAL_COSTS:
+            raise RaceError(
+                f"method: expected {one_of([*SEVERAL_COSTS])}, as {simulator.mission.name} has several objectives "
+                f"without weights, found {method}"
+            )
         self.simulator = simulator
         self.flavour = flavour
         self.method = method
         self.name = simulator.mission.name
         self.maximise = simulator.mission.direction == "maximise"
         self.possible_scores = simulator.mission.possible_scores()
+        self.n_objectives = len(simulator.mission.objectives) if simulator.mission.is_ranked_by_all else 1
         self.function = Experimenter(simulator, flavour_of(flavour))
         self._options = {**(options or {})}
         given: dict[str, Any] = {"options": options_of(method, self._options)} if self._options else {}
@@ -236,6 +242,9 @@ class Designer(Task[tuple[Software, int]]):
 
     def cost(self, score: float) -> float:
         return self.simulator.mission.cost(score)
+
+    def costs(self, scores: Sequence[float]) -> tuple[float, ...]:
+        return self.simulator.mission.costs(scores)
 
     def score(self, cost: float) -> float:
         return self.simulator.mission.score(cost)

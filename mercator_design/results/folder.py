@@ -7,6 +7,7 @@ provenance.json    versions, seed, budget, platform, start of the race
 failed/            the control software of failed experiments, if there are any
 fsm.txt            the winner; its name depends on the task
 results.csv        all configurations of the race, the elites first
+front.csv          of several objectives: the designs tested for the front; front/ has the files of those on it
 comparison.json    the winner and others on fresh instances, for the report (results/analysis/comparison.py)
 report.html        the report (show/report/)
 
@@ -26,11 +27,13 @@ from pathlib import Path
 from typing import Any, Self
 
 from mercator_design import __version__
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import BudgetExtended, ExperimentDone, TestDone
 from mercator_design.race.session.journal import Journal, now
 from mercator_design.race.session.task import RaceResult, Task
+from mercator_design.results.analysis.front import FRONT, front_csv, front_of
 from mercator_design.results.files import (
     JOURNAL,
     check_same,
@@ -42,6 +45,8 @@ from mercator_design.results.files import (
 )
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request, write
 from mercator_design.results.tables import configuration_rows
+from mercator_design.software.architectures import decoded
+from mercator_design.software.files import fsm_file_text
 from mercator_design.system.csv_text import csv_text
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
 
@@ -205,6 +210,7 @@ class RunFolder:
         )
         files: dict[str, Callable[[], None]] = {
             self.task.WINNER: lambda: write_text(self.path / self.task.WINNER, self.task.winner_text(result, header)),
+            **self._front_files(),
             _RESULTS: lambda: write_text(self.path / _RESULTS, self._results()),
             PROVENANCE: lambda: write(self.path, finished),
         }
@@ -221,6 +227,26 @@ class RunFolder:
                 ) from None
             complete.append(name)
         self._provenance = finished
+
+    def _front_files(self) -> dict[str, Callable[[], None]]:
+        """What writes the table of the front, and the files of its designs."""
+        if not isinstance(self.task, Designer) or self.task.n_objectives == 1:
+            return {}
+        designer, record = self.task, self.journal.record
+
+        def write_front() -> None:
+            designs = front_of(designer, record)
+            (self.path / "front").mkdir(exist_ok=True)
+            names = designer.simulator.mission.objective_names
+            for one in designs:
+                if one.is_on_front:
+                    scores = zip(names, one.scores, strict=True)
+                    header = self._header() | {f"score, {name}": each.summary for name, each in scores}
+                    text = fsm_file_text(decoded(record.configurations[one.configuration], designer.flavour), header)
+                    write_text(self.path / one.file, text)
+            write_text(self.path / FRONT, front_csv(designer, record, designs))
+
+        return {FRONT: write_front}
 
     def _results(self) -> str:
         """The configurations that were raced as CSV, the elites first."""

@@ -64,8 +64,8 @@ def verify(
         for one in sample
     ]
     found_again = in_order(executor, task.function, items, stopped=stopped)
-    for one, (score, outcome) in zip(sample, found_again, strict=True):
-        if (score, outcome) != (one.score, one.outcome):
+    for one, (score, outcome, scores) in zip(sample, found_again, strict=True):
+        if (score, outcome, scores) != (one.score, one.outcome, one.scores):
             if isinstance(one, ExperimentDone):
                 what = f"experiment {one.experiment}"
             else:

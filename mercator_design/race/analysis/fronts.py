@@ -1,8 +1,20 @@
 """Fronts of several costs: which of some designs no other beats, and how much of the space of costs they dominate."""
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats
+from mercator_design.race.elimination.additive_model import expected, table
+
+MIN_RUNS = 5
+"""Results of a configuration from which on it counts as well tested."""
+MAX_FRONT = 10
+"""Maximum number of configurations that are tested for the front of a race."""
+_BEYOND = 1.1
+"""The reference of a hypervolume, in each scaled cost: beyond 1, so that the ends of a front count, too."""
+_NO_GAIN = 1e-12
 
 
 def nondominated(costs: Floats) -> Flags:
@@ -38,3 +50,48 @@ def hypervolume(costs: Floats, reference: Floats) -> float:
         for k, (start, end) in enumerate(zip(points[:, -1], ends, strict=True))
         if end > start
     )
+
+
+def front_candidates(tables: Sequence[Sequence[Mapping[int, float]]], elites: Iterable[int], limit: int) -> list[int]:
+    """The configurations of a race that may be on the front: elites and other well-tested ones that none dominates.
+
+    They are compared by their expected costs (`additive_model.expected`), as in the race. One after the other is taken,
+    up to the limit, that adds most to the hypervolume within the box of all, scaled to 1, until none adds anything.
+
+    Args:
+        tables: By each objective, of each configuration its costs by instance.
+        elites: The numbers of the elites of all iterations.
+        limit: Maximum number.
+
+    Returns:
+        Their numbers, in the order of the first cost.
+    """
+    first = tables[0]
+    tested = {number for number, own in enumerate(first) if len(own) >= MIN_RUNS}
+    known = sorted(number for number in {*elites, *tested} if first[number])
+    known = [number for number in known if not any(map(math.isinf, first[number].values()))]
+    if not known:
+        return []
+    costs = np.column_stack([_expected([costs[number] for number in known]) for costs in tables])
+    found = np.flatnonzero(nondominated(costs))
+    unit = scaled(costs[found])
+    chosen: list[int] = []
+    volume, reference = 0.0, np.full(unit.shape[1], _BEYOND)
+    while len(chosen) < limit:
+        volumes = [hypervolume(unit[[*chosen, k]], reference) for k in range(len(found))]
+        if max(volumes) <= volume + _NO_GAIN:
+            break
+        volume = max(volumes)
+        chosen.append(volumes.index(volume))
+    return [known[found[k]] for k in sorted(chosen, key=lambda k: costs[found[k], 0])]
+
+
+def scaled(costs: Floats) -> Floats:
+    """Costs of points, each scaled so that the best is 0 and the worst 1; 0 where all are equal."""
+    low, span = costs.min(axis=0), np.ptp(costs, axis=0)
+    return np.asarray((costs - low) / np.where(span > 0, span, 1.0))
+
+
+def _expected(costs: Sequence[Mapping[int, float]]) -> Floats:
+    known = table(costs)
+    return expected(known[:, ~np.isnan(known).all(axis=0)])

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from mercator_design.race.elimination.race import Experiment
+from mercator_design.race.elimination.race import Cost, Experiment
 from mercator_design.race.elimination.stagnation import judged
 from mercator_design.race.elimination.summary import Elite, IterationSummary
 from mercator_design.race.space.parameter import Configuration, Key, key_of
@@ -21,7 +21,8 @@ class RaceHistory:
     space: Of the configurations.
     configurations: All proposed configurations; an experiment refers to one by its index in this list.
     parents: The number of each configuration's parent; None if it has none.
-    costs: Of each configuration, by instance.
+    costs: Of each configuration, by instance; by the first objective, if there are several.
+    further: The same by each further objective.
     elites: The best of the last iteration that has ended, best first.
     iterations: Summaries of the iterations that have ended.
     n_told: Experiments whose costs are known.
@@ -31,6 +32,7 @@ class RaceHistory:
     configurations: list[Configuration] = field(default_factory=list)
     parents: list[int | None] = field(default_factory=list)
     costs: list[dict[int, float]] = field(default_factory=list)
+    further: list[list[dict[int, float]]] = field(default_factory=list)
     elites: list[Elite] = field(default_factory=list)
     iterations: list[IterationSummary] = field(default_factory=list)
     n_told: int = 0
@@ -44,14 +46,20 @@ class RaceHistory:
             self.configurations.append(configuration)
             self._numbers.setdefault(key_of(configuration), number)
             self.parents.append(parent)
-            self.costs.append({})
+            for table in self.tables:
+                table.append({})
         return list(range(first, len(self.configurations)))
 
     def number(self, configuration: Configuration) -> int | None:
         """The number of a configuration; None if it is new."""
         return self._numbers.get(key_of(configuration))
 
-    def record(self, experiments: Sequence[Experiment], costs: Sequence[float]) -> None:
+    @property
+    def tables(self) -> list[list[dict[int, float]]]:
+        """The costs by each objective."""
+        return [self.costs, *self.further]
+
+    def record(self, experiments: Sequence[Experiment], costs: Sequence[Cost]) -> None:
         """Record the costs of experiments."""
         self.n_told += len(costs)
         self._set(zip(experiments, costs, strict=True))
@@ -99,13 +107,18 @@ class RaceHistory:
     def conclude(self, summary: IterationSummary, newcomers: Sequence[int], budget: int) -> None:
         """Add an iteration that has ended with the present elites, compared with the iterations before it."""
         summary = replace(summary, elites=tuple(self.elites))
-        if not summary.postselection:
+        if not summary.postselection and not self.further:  # whether a race stagnates is judged by one cost
             earlier = [iteration for iteration in self.iterations if not iteration.postselection]
             summary = judged(summary, earlier, self.costs.__getitem__, newcomers, budget)
         self.iterations.append(summary)
 
-    def _set(self, costs: Iterable[tuple[Experiment, float]]) -> None:
+    def _set(self, costs: Iterable[tuple[Experiment, Cost]]) -> None:
         for experiment, cost in costs:
-            self.costs[experiment.configuration][experiment.instance] = cost
-            if math.isinf(cost):
+            if isinstance(cost, tuple) and not self.further:  # experiments before have failed
+                self.further = [[dict(own) for own in self.costs] for _ in cost[1:]]
+            first = cost[0] if isinstance(cost, tuple) else cost
+            self.costs[experiment.configuration][experiment.instance] = first
+            for k, table in enumerate(self.further, start=1):
+                table[experiment.configuration][experiment.instance] = cost[k] if isinstance(cost, tuple) else cost
+            if math.isinf(first):
                 self._rejected.add(key_of(self.configurations[experiment.configuration]))

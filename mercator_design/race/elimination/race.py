@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
 from mercator_design.race.elimination.statistics import TestName, eliminate, overall_ranks
 
@@ -26,6 +27,10 @@ class Experiment(NamedTuple):
 
     configuration: int
     instance: int
+
+
+Cost = float | tuple[float, ...]
+"""The cost of an experiment; by several objectives a cost by each, all finite."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,12 +51,12 @@ class RaceRules:
     elitist_limit: int = 2
 
 
-def check_costs(experiments: Sequence[Experiment], costs: Sequence[float]) -> None:
-    """Raise a RaceError unless there is a number for each experiment, in their order."""
+def check_costs(experiments: Sequence[Experiment], costs: Sequence[Cost]) -> None:
+    """Raise a RaceError unless there is a cost for each experiment, in their order."""
     if len(costs) != len(experiments):
         raise RaceError(f"costs: expected {len(experiments)}, one for each experiment asked for, found {len(costs)}")
     for experiment, cost in zip(experiments, costs, strict=True):
-        if not isinstance(cost, Real) or math.isnan(cost):
+        if any(not isinstance(one, Real) or math.isnan(one) for one in (cost if isinstance(cost, tuple) else (cost,))):
             raise RaceError(
                 f"cost of configuration {experiment.configuration} on instance {experiment.instance}: "
                 f"expected a number, found {cost!r}"
@@ -64,6 +69,7 @@ class EliminationRace:
     Args:
         configurations: Their numbers, elites first.
         earlier: Earlier results of elites: configuration -> instance -> cost.
+        further: The same by each further objective, if there are several.
         instances: The known instances in their order; new ones follow in order of their numbers.
         next_instance: Number of the first instance after these.
         rules: When to test and to end.
@@ -93,6 +99,7 @@ class EliminationRace:
         planned_budget: int,
         max_experiments: int,
         max_instances: int | None = None,
+        further: Sequence[Mapping[int, Mapping[int, float]]] = (),
     ) -> None:
         if len(configurations) == 0:
             raise RaceError("race: expected configurations, found none")
@@ -108,11 +115,8 @@ class EliminationRace:
         self._known = tuple(instances)
         self._next_instance = next_instance
         self._row = 0  # place of the current instance in the order of this race
-        self._costs = np.full((max(2 * len(self._known), 16), len(self.configurations)), math.nan)
-        for column, configuration in enumerate(self.configurations):
-            results = earlier.get(configuration, {})
-            for row, instance in enumerate(self._known):
-                self._costs[row, column] = results.get(instance, math.nan)
+        self._costs = self._table(earlier)
+        self._further = [self._table(one) for one in further]  # costs by each further objective
         self._alive = np.ones(len(self.configurations), dtype=bool)
         # Earlier results of each elite on instances that this race has not reached yet protect it from elimination.
         self._n_results_ahead = (~np.isnan(self._costs)).sum(axis=0)
@@ -148,19 +152,36 @@ class EliminationRace:
         instance = self._instance(self._row)
         return [Experiment(self.configurations[column], instance) for column in self._columns]
 
-    def tell(self, costs: Sequence[float]) -> None:
+    def _table(self, earlier: Mapping[int, Mapping[int, float]]) -> Floats:
+        """Costs of shape (instances, configurations), with room for more instances; NaN where there is none."""
+        table = np.full((max(2 * len(self._known), 16), len(self.configurations)), math.nan)
+        for column, configuration in enumerate(self.configurations):
+            results = earlier.get(configuration, {})
+            for row, instance in enumerate(self._known):
+                table[row, column] = results.get(instance, math.nan)
+        return table
+
+    def tell(self, costs: Sequence[float], further: Sequence[Sequence[float]] = ()) -> None:
         """Take the costs of the experiments that `ask` gave, in their order.
 
         An infinite cost rejects its configuration.
+
+        Args:
+            costs: The costs.
+            further: The costs by each further objective, if there are several.
 
         Raises:
             RaceError: A cost is not a number, or all configurations have been rejected.
         """
         check_costs(self.ask(), costs)
+        if further and not self._further:
+            self._further = [np.full_like(self._costs, math.nan) for _ in further]
         columns, self._columns = self._columns, None
         if columns is None:
             return
         self._costs[self._row, columns] = costs
+        for table, own in zip(self._further, further, strict=True):
+            table[self._row, columns] = own
         self.used += len(columns)
         seen_again = self._n_results_ahead > 0
         seen_again[columns] = False
@@ -206,9 +227,13 @@ class EliminationRace:
     def ranks(self) -> dict[int, float]:
         """The ranks that `ranked` sorts by."""
         columns = np.flatnonzero(self._alive)
-        table = self._costs[: max(self._row, len(self._known)), columns]
-        ranks = overall_ranks(table, self._rules.test)
+        ranks = overall_ranks(self._blocks(max(self._row, len(self._known)), columns), self._rules.test)
         return {self.configurations[column]: float(rank) for column, rank in zip(columns, ranks, strict=True)}
+
+    def _blocks(self, n_rows: int, columns: NDArray[np.intp]) -> Floats:
+        """The costs that are ranked, in blocks: an instance each, or each pair of an instance and an objective."""
+        tables = [table[:n_rows, columns] for table in (self._costs, *self._further)]
+        return tables[0] if len(tables) == 1 else np.vstack(tables)
 
     def _instance(self, row: int) -> int:
         return self._known[row] if row < len(self._known) else self._next_instance + row - len(self._known)
@@ -221,7 +246,9 @@ class EliminationRace:
     def _advance(self) -> None:
         self._row += 1
         if self._row == len(self._costs):
-            self._costs = np.vstack((self._costs, np.full_like(self._costs, math.nan)))
+            room = np.full_like(self._costs, math.nan)
+            self._costs = np.vstack((self._costs, room))
+            self._further = [np.vstack((table, room)) for table in self._further]
 
     def _reject(self, columns: NDArray[np.intp]) -> None:
         self._alive[columns] = False
@@ -259,7 +286,8 @@ class EliminationRace:
         dropped = False
         columns = np.flatnonzero(self._alive)
         if len(columns) > 1:
-            verdict = eliminate(self._costs[: self._row, columns], rules.test, rules.confidence)
+            blocks, several = self._blocks(self._row, columns), bool(self._further)
+            verdict = eliminate(blocks, rules.test, rules.confidence, several=several)
             losers = columns[~verdict.survivors & (self._n_results_ahead[columns] == 0)]
             self._alive[losers] = False
             dropped = len(losers) > 0

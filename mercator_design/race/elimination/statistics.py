@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 
 from mercator_design.arrays import Flags, Floats
+from mercator_design.errors import RaceError
 
 TestName = Literal["friedman", "t-test", "t-test-holm", "t-test-bonferroni"]
 
@@ -43,13 +44,21 @@ class Verdict(NamedTuple):
     p_value: float
 
 
-def eliminate(costs: Floats, test: TestName, confidence: float) -> Verdict:
+def eliminate(costs: Floats, test: TestName, confidence: float, *, several: bool = False) -> Verdict:
     """Test a table of at least one instance and two configurations.
+
+    With several objectives, each pair of an instance and an objective is a row. Their units differ, so only Friedman's
+    test is possible, also of two configurations: Wilcoxon's compares the sizes of differences.
+
+    Raises:
+        RaceError: Another test is given for several objectives.
 
     On one instance, as in irace: Friedman's test eliminates none; the t-test eliminates all that are worse than the
     best; the worse one of two configurations is eliminated.
     """
-    return _TESTS[test](costs, 1.0 - confidence)
+    if several and test != "friedman":
+        raise RaceError(f"race option test: expected friedman, as there are several objectives, found {test}")
+    return _by_rank_sums(costs, 1.0 - confidence) if several else _TESTS[test](costs, 1.0 - confidence)
 
 
 def ranking(costs: Floats, test: TestName) -> Floats:
@@ -140,9 +149,11 @@ def _row_ranks(values: Floats) -> Floats:
 
 
 def _friedman(costs: Floats, alpha: float) -> Verdict:
+    return _wilcoxon(costs, alpha) if costs.shape[1] == 2 else _by_rank_sums(costs, alpha)
+
+
+def _by_rank_sums(costs: Floats, alpha: float) -> Verdict:
     n, k = costs.shape
-    if k == 2:
-        return _wilcoxon(costs, alpha)
     ranks, ties = mid_ranks(costs)
     sums = ranks.sum(axis=0)
     best = int(sums.argmin())

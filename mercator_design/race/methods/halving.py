@@ -16,10 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
 from mercator_design.race.elimination.additive_model import expected, table
 from mercator_design.race.elimination.history import RaceHistory
 from mercator_design.race.elimination.race import ALL_REJECTED, Experiment
+from mercator_design.race.elimination.statistics import mid_ranks
 from mercator_design.race.elimination.summary import IterationSummary
 from mercator_design.race.methods.optimizer import Batches, Optimizer, Upcoming
 from mercator_design.race.proposals.newcomers import Child, Newcomers
@@ -78,13 +80,21 @@ class HalvingOptions:
 
 
 def by_expectation(history: RaceHistory, numbers: Sequence[int]) -> list[int]:
-    """Sort configurations by expected mean cost, the best first; drop those that were rejected or have not run."""
+    """Sort configurations by expected mean cost, the best first; drop those that were rejected or have not run.
+
+    With several objectives, they are sorted by the sum of their ranks by the expected cost of each.
+    """
     accepted = [number for number in numbers if history.costs[number] and not history.is_rejected(number)]
     if not accepted:
         return []
-    costs = table([history.costs[number] for number in accepted])
-    order = np.argsort(expected(costs[:, ~np.isnan(costs).all(axis=0)]), kind="stable")
+    means = np.array([_expected([own[number] for number in accepted]) for own in history.tables])
+    order = np.argsort(mid_ranks(means)[0].sum(axis=0) if len(means) > 1 else means[0], kind="stable")
     return [accepted[k] for k in order]
+
+
+def _expected(costs: Sequence[Mapping[int, float]]) -> Floats:
+    known = table(costs)
+    return expected(known[:, ~np.isnan(known).all(axis=0)])
 
 
 class _Rung(NamedTuple):
@@ -114,6 +124,7 @@ class Halving(Optimizer):
         RaceError: As all methods; or the budget is below 20, or an initial configuration is not valid.
     """
 
+    SEVERAL_COSTS = True
     options: HalvingOptions
 
     def __init__(

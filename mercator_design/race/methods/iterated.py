@@ -37,6 +37,7 @@ class IteratedRace(Optimizer):
             valid.
     """
 
+    SEVERAL_COSTS = True
     options: RaceOptions
 
     def __init__(
@@ -207,7 +208,12 @@ class IteratedRace(Optimizer):
             planned_budget=budget,
             max_experiments=self._left_to_iterate,
             max_instances=self.options.instances,
+            further=self._further(elites) if self.options.elitist else [],
         )
+
+    def _further(self, numbers: Sequence[int]) -> list[dict[int, dict[int, float]]]:
+        """The costs of configurations by each further objective."""
+        return [{number: table[number] for number in numbers} for table in self.history.further]
 
     def _old_instances(self) -> list[int]:
         """The instances seen, with their blocks in random order (see `sample_instances`)."""
@@ -241,6 +247,7 @@ class IteratedRace(Optimizer):
             planned_budget=remaining,
             max_experiments=remaining,
             max_instances=self.options.instances,
+            further=self._further(candidates),
         )
         yield from self._run_race(race, remaining, postselection=True)
 
@@ -258,7 +265,7 @@ class IteratedRace(Optimizer):
         self._race = race
         while batch := race.ask():
             costs = yield batch
-            race.tell(costs)
+            race.tell(costs, [[table[c][instance] for c, instance in batch] for table in self.history.further])
             self._n_seen = max(self._n_seen, batch[0].instance + 1)
         survivors = race.ranked()
         self._race = None

@@ -6,14 +6,14 @@ rejects its configuration for the whole race. The budget is never exceeded.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from mercator_design import seeds
 from mercator_design.errors import RaceError, described
 from mercator_design.race.elimination.history import RaceHistory
-from mercator_design.race.elimination.race import Experiment, check_costs
+from mercator_design.race.elimination.race import Cost, Experiment, check_costs
 from mercator_design.race.elimination.summary import Elite, IterationSummary, Progress
 from mercator_design.race.space.parameter import Configuration, Key, Value, key_of
 from mercator_design.race.space.space import Space
@@ -55,6 +55,8 @@ class Optimizer(ABC):
         RaceError: The budget or seed is not a whole number, or the space leaves nothing to choose.
     """
 
+    SEVERAL_COSTS: ClassVar = False
+    """Whether it ranks configurations by several costs of an experiment, without summing them."""
     options: "DataclassInstance"
 
     def __init__(self, space: Space, *, budget: int, seed: int) -> None:
@@ -178,18 +180,20 @@ class Optimizer(ABC):
             self._advance(lambda: next(self._batches))
         return list(self._batch)
 
-    def tell(self, costs: Sequence[float]) -> None:
+    def tell(self, costs: Sequence[Cost]) -> None:
         """Take the costs of the experiments that `ask` gave, in their order.
 
+        Methods with SEVERAL_COSTS also take tuples, of a cost by each objective, and an infinite cost for a failure.
+
         Raises:
-            RaceError: There is not one number for each experiment (then nothing changes), or all configurations of the
+            RaceError: There is not one cost for each experiment (then nothing changes), or all configurations of the
                 race have been rejected.
         """
         if not self._batch:
             raise RaceError("tell: expected `ask` to be called before, found no experiments")
         check_costs(self._batch, costs)
         self.history.record(self._batch, costs)
-        values = [float(cost) for cost in costs]
+        values = [float(cost[0] if isinstance(cost, tuple) else cost) for cost in costs]
         self._advance(lambda: self._batches.send(values))
 
     def extend(self, budget: int) -> None:

@@ -90,6 +90,8 @@ METHODS: Mapping[str, Method] = {
 """Generations by successive halving; iterated F-race; uniform random search; searches with Optuna's tree-structured
 Parzen estimator and CMA-ES, with the rule of its Wilcoxon pruner; and EvoStick's evolutionary algorithm.
 """
+SEVERAL_COSTS = tuple(name for name, make in METHODS.items() if getattr(make, "SEVERAL_COSTS", False))
+"""The methods that rank configurations by several objectives without summing them."""
 
 
 def options_of(method: str, given: Mapping[str, object]) -> "DataclassInstance":

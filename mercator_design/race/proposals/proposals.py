@@ -84,7 +84,7 @@ class Proposer:
             excluded: Returns True for a configuration that must not be proposed.
         """
         with self._threads.limit(limits=1, user_api="blas"):
-            expected = self._learn(history)
+            expected = self._learn(history, generator)
             best = sorted(expected, key=expected.__getitem__)[: max(_MIN_PARENTS, len(ranked))]
             candidates = self._candidates(n, ranked, best, history, generator)
             features = self._features.of(candidates)
@@ -93,14 +93,23 @@ class Proposer:
             nearest = self._surrogate.distances(features[list(chosen)], elites).argmin(axis=1)
             return [(child, ranked[e]) for child, e in zip(chosen.values(), nearest.tolist(), strict=True)]
 
-    def _learn(self, history: RaceHistory) -> dict[int, float]:
-        """Fit the surrogate; return the expected cost of each configuration that it was fitted to."""
+    def _learn(self, history: RaceHistory, generator: Generator) -> dict[int, float]:
+        """Fit the surrogate; return the expected cost of each configuration that it was fitted to.
+
+        With several objectives, it learns a sum of their costs on the compressed scale with weights that are drawn anew
+        for each generation, so that proposals spread along the front (ParEGO, Knowles 2006).
+        """
         learnt_from = _most_informative(history.costs)
-        known = table([history.costs[number] for number in learnt_from])
-        rejected = np.isinf(known).any(axis=1)
-        known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
-        means, variance = effects(known[~rejected])
-        y, noise = _compressed(means, variance / (~np.isnan(known[~rejected])).sum(axis=1))
+        parts = []
+        for costs in history.tables:
+            known = table([costs[number] for number in learnt_from])
+            rejected = np.isinf(known).any(axis=1)
+            known = known[:, (~np.isnan(known[~rejected])).any(axis=0)]
+            means, variance = effects(known[~rejected])
+            parts.append(_compressed(means, variance / (~np.isnan(known[~rejected])).sum(axis=1)))
+        weights = generator.dirichlet(np.ones(len(parts))) if len(parts) > 1 else np.ones(1)
+        y = sum(weight * part for weight, (part, _) in zip(weights, parts, strict=True))
+        noise = sum(weight**2 * part for weight, (_, part) in zip(weights, parts, strict=True))
         values, errors = np.full(len(known), y.max()), np.full(len(known), noise.max())
         values[~rejected], errors[~rejected] = y, noise
         scale = values.std() or 1.0

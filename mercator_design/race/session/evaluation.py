@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
+from mercator_design.race.analysis.fronts import MAX_FRONT, front_candidates
 from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.executors.executor import Executor, Failed, attempt
 from mercator_design.race.methods.optimizer import Optimizer
@@ -45,9 +46,12 @@ class Testing:
                 raise RaceError(f"{name}: expected at least 1, found {number}")
 
     def configurations(self, race: Optimizer) -> list[int]:
-        """The configurations to test: the winner first, then the other elites, then former elites."""
+        """The configurations to test: the winner first, then other elites, then former ones; then those of a front."""
         elites = [race.elites, *(i.elites for i in reversed(race.iterations) if self.iterations)]
-        return list(dict.fromkeys(elite.configuration for few in elites for elite in few[: self.elites]))
+        numbers = [elite.configuration for few in elites for elite in few[: self.elites]]
+        if race.history.further:
+            numbers += front_candidates(race.history.tables, race.history.former_elites, MAX_FRONT)
+        return list(dict.fromkeys(numbers))
 
     def n_tests(self, elites: Sequence[Sequence[int]]) -> int:
         """The number of all tests, given the elites of each iteration that has ended, best first."""
@@ -131,4 +135,6 @@ def test_of(problem: Problem[T], where: Experiment, result: Measurement | Failed
 
 
 def _fields(where: Experiment, result: Measurement | Failed) -> dict[str, Any]:
-    return {**where._asdict(), **dict(zip(("score", "outcome", "failure"), read_result(result), strict=True))}
+    found = dict(zip(("score", "outcome", "failure"), read_result(result), strict=True))
+    scores = () if isinstance(result, Failed) or found["failure"] else result.scores
+    return {**where._asdict(), **found, "scores": scores}

@@ -22,6 +22,7 @@ class Measurement(NamedTuple):
 
     score: float
     outcome: str  # digest of what happened in it
+    scores: tuple[float, ...] = ()  # by each of several objectives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +65,7 @@ class ExperimentDone:
     score: float | None  # None if it failed
     outcome: str = ""  # digest of what happened in it
     failure: str = ""  # why it failed
+    scores: tuple[float, ...] = ()  # by each of several objectives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +76,7 @@ class SpeculativeDone:
     instance: Number
     score: float
     outcome: str = ""  # digest of what happened in it
+    scores: tuple[float, ...] = ()  # by each of several objectives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +100,7 @@ class TestDone:
     score: float | None  # None if it failed
     outcome: str = ""  # digest of what happened in it
     failure: str = ""  # why it failed
+    scores: tuple[float, ...] = ()  # by each of several objectives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,9 +181,12 @@ _WORDS: Mapping[Kind, str] = {kind: word for word, kind in _KINDS.items()}
 
 
 def to_json(event: Event) -> dict[str, Any]:
-    """The form of an event in JSON."""
+    """The form of an event in JSON; `scores` only where there are several objectives."""
     kind = type(event)
-    return {"event": _WORDS[kind], **{name: getattr(event, name) for name in kind.__slots__}}
+    data = {"event": _WORDS[kind], **{name: getattr(event, name) for name in kind.__slots__}}
+    if not data.get("scores", True):
+        del data["scores"]
+    return data
 
 
 def event_of(data: dict[str, Any]) -> Event:

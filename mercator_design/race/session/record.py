@@ -112,7 +112,7 @@ class Record:
         for number in counted:
             e = self.experiments[number]
             words = f"\n{number} {e.iteration} {e.configuration} {e.instance} {e.seed} {e.score!r} {e.outcome}"
-            digest.update(words.encode())
+            digest.update(f"{words} {e.scores!r}".encode() if e.scores else words.encode())
         for number in sorted(number for number in self.revised if number < n_counted):
             for where, new in sorted(self.revised[number].items()):
                 digest.update(f"\nrevised {number} {where.configuration} {where.instance} {new.score!r}".encode())
@@ -167,7 +167,12 @@ class Record:
             case SpeculativeDone():
                 self._check_known(event.configuration, "ahead")
                 where = Experiment(event.configuration, event.instance)
-                self._enter(self.speculative, where, Measurement(event.score, event.outcome), f"ahead: {_named(where)}")
+                self._enter(
+                    self.speculative,
+                    where,
+                    Measurement(event.score, event.outcome, event.scores),
+                    f"ahead: {_named(where)}",
+                )
             case ScoreRevised():
                 self._check_result(event)
                 where = Experiment(event.configuration, event.instance)
@@ -275,8 +280,10 @@ class Record:
         self._check_known(event.configuration, "experiment")
         if (event.score is None) != bool(event.failure):
             raise RaceError("experiment: expected either a score or why it failed, found both or neither")
-        if event.score is not None and not is_score(event.score):
-            raise RaceError(f"experiment.score: {EXPECTED}, found {event.score}")
+        scores = () if isinstance(event, ScoreRevised) else event.scores
+        for score in (event.score, *scores):
+            if score is not None and not is_score(score):
+                raise RaceError(f"experiment.score: {EXPECTED}, found {score}")
 
     def _check_known(self, configuration: int, what: str) -> None:
         if configuration not in self.configurations:

@@ -235,7 +235,7 @@ class RaceRun(Generic[T]):
                 finished = [self._record.experiments[self._n_told + k] for k in range(len(self._batch))]
                 self._revise()
                 self._n_told += len(self._batch)
-                self._optimizer.tell([self._cost(one.score) for one in finished])
+                self._optimizer.tell([self.problem.cost_of(one) for one in finished])
                 self._note_iterations()
                 yield from self._unseen()
             self._ask()

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from mercator_design.config.schema import Kind
-from mercator_design.race.elimination.race import Experiment
+from mercator_design.errors import RaceError
+from mercator_design.race.elimination.race import Cost, Experiment
 from mercator_design.race.elimination.summary import Headline, Scores
 from mercator_design.race.methods.optimizer import Optimizer
 from mercator_design.race.session.events import ExperimentDone, Measurement, TestDone
@@ -62,6 +63,7 @@ class Problem(ABC, Generic[T]):
         speculates: Whether idle workers run speculative experiments.
         predicts: Whether they may also run those of configurations that have no numbers yet, by predicted numbers.
         possible_scores: The range of its scores.
+        n_objectives: By how many costs of an experiment it ranks configurations.
     """
 
     optimizer: Optimizer
@@ -70,6 +72,7 @@ class Problem(ABC, Generic[T]):
     speculates: bool = True
     predicts: bool = True
     possible_scores: ScoreRange = ANY_SCORE
+    n_objectives: int = 1
 
     @abstractmethod
     def item(self, experiment: Experiment, configuration: Configuration, *, test: bool = False) -> T:
@@ -85,6 +88,25 @@ class Problem(ABC, Generic[T]):
     def cost(self, score: float) -> float:
         """The cost of a score: what a race minimises."""
         return score
+
+    def costs(self, scores: Sequence[float]) -> tuple[float, ...]:
+        """The costs of the scores by each of several objectives."""
+        return tuple(scores)
+
+    def cost_of(self, one: ExperimentDone) -> Cost:
+        """The cost of an experiment, infinite if it failed; of several objectives a cost by each.
+
+        Raises:
+            RaceError: It has scores by other objectives.
+        """
+        if one.score is None:
+            return float("inf")
+        if self.n_objectives == 1:
+            return self.cost(one.score)
+        if len(one.scores) != self.n_objectives:
+            expected = f"expected {self.n_objectives} scores of experiment {one.experiment}"
+            raise RaceError(f"journal: {expected}, found {len(one.scores)}: it is of another race")
+        return self.costs(one.scores)
 
     def score(self, cost: float) -> float:
         """The score of a cost."""

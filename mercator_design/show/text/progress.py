@@ -264,8 +264,10 @@ class RaceDisplay(Display):
 
     @property
     def n_tests(self) -> int:
-        """Number of tests after the iterations that have ended so far."""
-        return 0 if self._testing is None else self._testing.n_tests([one.elites for one in self._view.iterations])
+        """Number of tests after the iterations that have ended so far; at least as many as have run, as of a front."""
+        if self._testing is None:
+            return 0
+        return max(self._testing.n_tests([one.elites for one in self._view.iterations]), len(self._view.tests))
 
     def note(self, event: Event) -> None:
         """Show the progress after an event."""

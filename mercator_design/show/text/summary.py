@@ -13,8 +13,10 @@ from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import with_parameters
 from mercator_design.plugins.loading import plugins
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
+from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import RaceResult, Task
 from mercator_design.race.session.view import RaceView
+from mercator_design.results.analysis.front import FRONT, front_of
 from mercator_design.results.folder import RunFolder
 from mercator_design.scores import ScoreRange
 from mercator_design.show.text.columns import aligned
@@ -36,7 +38,8 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         seconds: Run time of this process [s].
         jobs: Number of experiments that ran at the same time.
     """
-    task, view, optimizer = folder.task, folder.journal.record.view, folder.task.optimizer
+    task, record, optimizer = folder.task, folder.journal.record, folder.task.optimizer
+    view = record.view
     all_equal = len({one.score for one in result.finished}) == 1
     failed = sum(one.score is None for one in result.finished)
     iterations = sum(not iteration.postselection for iteration in optimizer.iterations)
@@ -59,14 +62,15 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",
-        *(_design(result, task, view, folder.path) if isinstance(task, Designer) else _elites(result, task, view)),
+        *(_design(result, task, record, folder.path) if isinstance(task, Designer) else _elites(result, task, view)),
     ]
     return "\n".join(map(printable, lines)) + "\n\n"
 
 
 def written(folder: RunFolder) -> str:
     """The files of a race, for when they are written."""
-    return f"Written    {folder.path}: {', '.join([folder.task.WINNER, *_FILES, *folder.task.files()])}"
+    fronts = [FRONT] if folder.task.n_objectives > 1 else []
+    return f"Written    {folder.path}: {', '.join([folder.task.WINNER, *fronts, *_FILES, *folder.task.files()])}"
 
 
 def _request(task: Task[Any]) -> list[str]:
@@ -81,7 +85,8 @@ def _request(task: Task[Any]) -> list[str]:
     ]
 
 
-def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path) -> list[str]:
+def _design(result: RaceResult, designer: Designer, record: Record, folder: Path) -> list[str]:
+    view = record.view
     software = designer.software(result.configuration)
     loaded = [word for plugin in plugins() for word in ("--plugin", str(plugin.file))]
     evaluate = ["mdesign", "evaluate", str(folder / designer.WINNER), *loaded]
@@ -90,7 +95,8 @@ def _design(result: RaceResult, designer: Designer, view: RaceView, folder: Path
     return [
         *winner_lines(result.configuration, view, designer.possible_scores),
         f"           on {'the same' if result.headline.is_fresh else 'fresh'} instances: {shlex.join(evaluate)}",
-        *test_lines(view, result.tests),
+        *test_lines(view, {} if designer.n_objectives > 1 else result.tests),
+        *front_lines(designer, record),
         *(f"           {line}" for line in _parts(software, designer)),
         "",
         text_of(software),
@@ -129,6 +135,22 @@ def interval_words(scores: Scores) -> str:
     """The confidence interval of the mean in words that follow it; empty for a single score."""
     interval = scores.confidence_interval
     return "" if interval is None else f" ({interval[0]:.4g} to {interval[1]:.4g} at {CONFIDENCE:.0%})"
+
+
+def front_lines(designer: Designer, record: Record) -> list[str]:
+    """A line for each design on the front of several objectives."""
+    designs = [one for one in front_of(designer, record) if one.is_on_front]
+    if not designs:
+        return []
+    mission = designer.simulator.mission
+    named = zip(mission.objective_names, mission.all_objectives, strict=True)
+    rows: list[tuple[object, ...]] = [("configuration", *(f"{name} ({one.direction})" for name, one in named), "")]
+    for one in designs:
+        figures = (f"{mean:.4g} ± {error:.2g}" for mean, error in zip(one.means, one.errors, strict=True))
+        rows.append((one.configuration, *figures, "winner" if one.configuration == record.view.winner else ""))
+    where = "on fresh instances" if designs[0].is_fresh else "in the race, optimistic"
+    lines = (f"           {line}" for line in aligned(rows))
+    return [f"Front      {where}, mean ± standard error; files in front/:", *lines]
 
 
 def test_lines(view: RaceView, tests: Mapping[int, Scores]) -> list[str]:

@@ -166,6 +166,8 @@ class Designer(Task[tuple[Software, int]]):
         self._options = {**(options or {})}
         given: dict[str, Any] = {"options": options_of(method, self._options)} if self._options else {}
         self.optimizer = METHODS[method](mission_space(simulator, flavour), budget=budget, seed=seed, **given)
+        if self.n_objectives > 1 and (test := getattr(self.optimizer.options, "test", "friedman")) != "friedman":
+            raise RaceError(f"option test: expected friedman, as there are several objectives, found {test}")
         self._software: dict[
             int, tuple[Configuration, Software]
         ] = {}  # by number, which may have been a wrong prediction

@@ -69,7 +69,7 @@ def sweep_data(sweep: SettingSweep, points: Sequence[CurvePoint]) -> dict[str, A
         "key": sweep.key,
         "values": [one.value for one in sweep.settings],
         "mission": simulators[0].mission.name if simulators else None,
-        "direction": simulators[0].mission.objective.direction if simulators else None,
+        "direction": simulators[0].mission.direction if simulators else None,
         "seeds": [*sweep.seeds],
         "designs": [{"name": one.name, "method": one.method} for one in sweep.designs],
         "curves": [one._asdict() for one in points],

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from mercator_design.errors import RaceError
 from mercator_design.race import Experiment, IteratedRace
-from mercator_design.race.analysis.fronts import front_candidates, hypervolume, nondominated, scaled
+from mercator_design.race.elimination.fronts import front_candidates, hypervolume, nondominated, scaled
 from mercator_design.race.elimination.options import RaceOptions
 from mercator_design.race.elimination.race import EliminationRace, RaceRules
 from mercator_design.race.elimination.statistics import eliminate

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 from mercator_design.config.schema import Range
 from mercator_design.errors import RaceError
-from mercator_design.race.analysis.fronts import MAX_FRONT, front_candidates
+from mercator_design.race.elimination.fronts import MAX_FRONT, front_candidates
 from mercator_design.race.elimination.race import Experiment
 from mercator_design.race.executors.executor import Executor, Failed, attempt
 from mercator_design.race.methods.optimizer import Optimizer

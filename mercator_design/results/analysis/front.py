@@ -1,6 +1,6 @@
 """The front of a race by several objectives: which of its designs none beats in all, and by what they were measured.
 
-Candidates are those of the race's own results (race/analysis/fronts.py), with the winner. They run again on the fresh
+Candidates are those of the race's own results (race/elimination/fronts.py), with the winner. They run again on the fresh
 instances on which the winner is tested; those that no other dominates there, by their means, are the front. Without
 tests, the results of the race take their place, which are optimistic.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 from mercator_design.designer import Designer
-from mercator_design.race.analysis.fronts import MAX_FRONT, front_candidates, hypervolume, nondominated
+from mercator_design.race.elimination.fronts import MAX_FRONT, front_candidates, hypervolume, nondominated
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.events import ExperimentDone, IterationEnded, TestDone
 from mercator_design.race.session.record import Record

@@ -10,8 +10,8 @@ import numpy as np
 from mercator_design.errors import printable
 from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Software
-from mercator_design.race.analysis.fronts import nondominated
 from mercator_design.race.analysis.pairs import Pair, compared
+from mercator_design.race.elimination.fronts import nondominated
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE, Scores
 from mercator_design.results.analysis.evaluation import Evaluation
 from mercator_design.results.analysis.swarm import SwarmStats

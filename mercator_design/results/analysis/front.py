@@ -1,8 +1,8 @@
 """The front of a race by several objectives: which of its designs none beats in all, and by what they were measured.
 
-Candidates are those of the race's own results (race/elimination/fronts.py), with the winner. They run again on the fresh
-instances on which the winner is tested; those that no other dominates there, by their means, are the front. Without
-tests, the results of the race take their place, which are optimistic.
+Candidates are those of the race's own results (race/elimination/fronts.py), with the winner. They run again on the
+fresh instances on which the winner is tested; those that no other dominates there, by their means, are the front.
+Without tests, the results of the race take their place, which are optimistic.
 """
 
 import math

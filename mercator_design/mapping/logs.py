@@ -7,6 +7,11 @@ import numpy as np
 
 from mercator_design.arrays import Floats
 
+MAX_RANGE = 12.0
+"""[m] Of a lidar, if its log does not say: that of an X4."""
+HEAD_RADIUS = 0.035
+"""[m] Of what the lidars see of other robots: the lidar of a Mercator."""
+
 
 class Turn(NamedTuple):
     """One turn of a lidar; its beams are in the order of time (those of an X4 go clockwise: the angles fall)."""
@@ -37,6 +42,9 @@ class RobotLog:
     start: Floats | None = None  # (3,) of the robot in the common frame at the log's first time; None: unknown
     truth_times: Floats | None = None  # (k,) [s], rising
     truth: Floats | None = None  # (k, 3) of the robot; the headings are unwrapped
+    max_range: float = MAX_RANGE  # [m] of readings that count
+    head_radius: float = HEAD_RADIUS  # [m] of other robots, at the height of the lidar
+    notes: tuple[str, ...] = ()  # sentences on what is wrong with the log
     walls: Floats | None = None  # (w, 4) true walls that the lidar can see: x, y [m] of both ends
 
     def started(self, pose: Floats) -> "RobotLog":

@@ -10,8 +10,8 @@ import pytest
 
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import parse
-from mercator_design.mapping.readers.bags import is_bag, read_bag
-from mercator_design.mapping.readers.reading import read_logs
+from mercator_design.mapping.readers.bags import Topics, is_bag, read_bag
+from mercator_design.mapping.readers.reading import LidarOptions, read_logs
 from mercator_design.mapping.readers.robot_logs import read_robot_log
 from mercator_design.mapping.readers.simulation import logs_of
 from mercator_design.mapping.readers.traces import read_trace_logs
@@ -114,7 +114,7 @@ def test_garbage_is_no_trace(trace):
 rosbags = pytest.importorskip("rosbags")
 
 
-def messages(store, logs, stamp):
+def messages(store, logs, stamp, ends=("scan", "odom"), reach=12.0):
     """The topics, types, times and messages of logs."""
     types = store.types
     scan, odometry = types["sensor_msgs/msg/LaserScan"], types["nav_msgs/msg/Odometry"]
@@ -127,7 +127,7 @@ def messages(store, logs, stamp):
         for turn in log.turns:
             n = len(turn.times)
             yield (
-                f"/robot{number}/scan",
+                f"/robot{number}/{ends[0]}",
                 scan,
                 float(turn.times[0]),
                 scan(
@@ -138,7 +138,7 @@ def messages(store, logs, stamp):
                     time_increment=float(turn.times[-1] - turn.times[0]) / (n - 1),
                     scan_time=0.14,
                     range_min=0.12,
-                    range_max=12.0,
+                    range_max=reach,
                     ranges=np.where(turn.ranges > 0.0, turn.ranges, np.inf).astype(np.float32),
                     intensities=np.zeros(0, dtype=np.float32),
                 ),
@@ -152,7 +152,7 @@ def messages(store, logs, stamp):
             )
             zero = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
             yield (
-                f"/robot{number}/odom",
+                f"/robot{number}/{ends[1]}",
                 odometry,
                 time,
                 odometry(
@@ -170,7 +170,7 @@ BEGIN = 1_700_000_000.0
 """[s] of the clock of the bags."""
 
 
-def write_bag(path, logs, version):
+def write_bag(path, logs, version, **options):
     """A bag of ROS 1 or 2 with all topics of logs."""
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
@@ -186,7 +186,7 @@ def write_bag(path, logs, version):
     serialize = store.serialize_ros1 if version == 1 else store.serialize_cdr
     with writer:
         connections = {}
-        for topic, kind, time, message in sorted(messages(store, logs, stamp), key=lambda each: each[2]):
+        for topic, kind, time, message in sorted(messages(store, logs, stamp, **options), key=lambda each: each[2]):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind.__msgtype__, typestore=store)
             writer.write(connections[topic], round(1e9 * (BEGIN + time)), serialize(message, kind.__msgtype__))
@@ -228,6 +228,18 @@ def test_a_damaged_bag(tmp_path, shifted, version, name):
     file.write_bytes(draw.randbytes(3000))
     with pytest.raises(MercatorError, match=r"swarm(\.bag)?: expected a bag of ROS 1 or 2, found "):
         read_bag(path)
+
+
+@pytest.mark.parametrize(("version", "name"), [(1, "swarm.bag"), (2, "swarm")])
+def test_a_bag_with_other_topics_and_a_wide_lidar(tmp_path, shifted, version, name):
+    path = write_bag(tmp_path / name, shifted, version, ends=("base/laser", "wheels"), reach=30.0)
+    found = read_bag(path, ends=Topics("/base/laser", "wheels"))
+    assert [log.name for log in found] == ["robot0", "robot1"]
+    assert [log.max_range for log in found] == [30.0, 30.0]
+    with pytest.raises(MercatorError, match=r"expected topics /scan .* and /odom .*; --scan and --odom name others"):
+        read_bag(path)
+    (log, _) = read_logs([path], LidarOptions(topics=Topics("base/laser", "wheels"), max_range=5.0, head_radius=0.1))
+    assert (log.max_range, log.head_radius) == (5.0, 0.1)
 
 
 def test_a_bag_without_odometry_tells_its_topics(tmp_path, shifted):
@@ -285,6 +297,54 @@ class TestRecordings:
         assert found.lidar_pose.tolist() == [0.0, 0.0, 0.2]
         assert read_robot_log(path, np.zeros(3)).lidar_pose.tolist() == [0.0, 0.0, 0.0]
 
+    def stalled(self, path, lost=(), yaws=None):
+        """A recording whose program was stalled from 0.6 s to 1.0 s, and then read what had come."""
+        turn, beams, counts = 719 / 5000, 719, [1, *[40] * 17, 38]
+        clockwise = 2 * math.pi * np.arange(beams) / beams
+        readings = tuple(((0.2 - angle) % (2 * math.pi), 1.0) for angle in clockwise.tolist())
+        with Log(path) as log:
+            log.begin(RecordingStarted(robot="one", lidar_angle=0.2))
+            for k in range(60):
+                yaw = 0.1 * k if yaws is None else yaws(k)
+                log.note(SampleTaken(time=0.05 * k, sensor="attitude", values=(0.0, 0.0, yaw)))
+                if k not in lost:
+                    log.note(SampleTaken(time=0.05 * k, sensor="position", values=(0.01 * k, 0.0)))
+            for n in range(12):
+                left = 0.1 + n * turn + np.cumsum(counts) / 5000
+                came = np.where((left > 0.6) & (left < 1.0), 1.0, left)
+                packets = tuple(
+                    (round(1e4 * (came[-1] - one)), 0, 0, count) for one, count in zip(came, counts, strict=True)
+                )
+                log.note(TurnTaken(time=round(float(came[-1]), 4), readings=readings, packets=packets))
+
+    def test_a_stalled_program_does_not_make_turns_late(self, tmp_path):
+        self.stalled(tmp_path / "r.jsonl")
+        found = read_robot_log(tmp_path / "r.jsonl")
+        begins = np.array([one.times[0] for one in found.turns]) - found.odometry_times[0]
+        assert begins == pytest.approx(0.1 + np.arange(12) * 719 / 5000, abs=0.006)
+
+    def test_places_that_were_lost_are_a_gap_of_the_odometry(self, tmp_path):
+        self.stalled(tmp_path / "r.jsonl", lost=range(20, 45))
+        times = read_robot_log(tmp_path / "r.jsonl").odometry_times
+        assert times[-1] - times[0] == pytest.approx(59 * 0.05)
+        assert np.diff(times).max() == pytest.approx(26 * 0.05)
+
+    def test_a_yaw_that_is_not_known_is_not_0(self, tmp_path):
+        """Such a log is none of this program, which leaves a sample out that has not come."""
+        self.stalled(tmp_path / "r.jsonl", yaws=lambda k: None if k % 7 == 3 else 2.0)
+        with pytest.raises(MercatorError, match="line 8: sample: expected as many values as the sensor has"):
+            read_robot_log(tmp_path / "r.jsonl")
+
+    def test_a_log_that_is_cut_is_read_and_told(self, tmp_path):
+        path = tmp_path / "r.jsonl"
+        self.stalled(path)
+        assert read_robot_log(path).notes == ()
+        lines = path.read_bytes().splitlines(keepends=True)
+        path.write_bytes(b"".join(lines[:-2]) + lines[-2][:40])
+        found = read_robot_log(path)
+        assert len(found.turns) == 11
+        assert found.notes == ("the log has no end: it is still being written, or the program was killed.",)
+
     def test_without_odometry(self, tmp_path):
         with Log(tmp_path / "r.jsonl") as log:
             log.begin(RecordingStarted(robot="one", lidar_angle=0.0))
@@ -310,6 +370,37 @@ class TestCarmen:
         assert log.turns[0].angles == pytest.approx([-math.pi / 2, 0.0, math.pi / 2])
         assert log.turns[1].angles == pytest.approx([-1.5, 0.0, 1.5])
         assert log.lidar_pose == pytest.approx([0.1 * math.cos(0.3), -0.1 * math.sin(0.3), 0.0])
+
+    def lines(self, times):
+        """A line for each time, whose place is its number."""
+        return "".join(f"FLASER 3 1 2 3 {k} 0 0 {k} 0 0 {time} host {time}\n" for k, time in enumerate(times))
+
+    @pytest.mark.parametrize(
+        ("times", "rows", "told"),
+        [
+            ([1, 2, 2, 3, 4, 5], [0, 2, 3, 4, 5], "1 lines whose times do not rise are left out."),
+            ([1, 2, 0.5, 3, 4, 5], [0, 1, 3, 4, 5], "1 lines whose times do not rise are left out."),
+            ([1, 2, 900, 3, 4, 5], [0, 1, 3, 4, 5], "1 lines whose times do not rise are left out."),
+        ],
+    )
+    def test_a_time_that_does_not_fit_costs_its_line_only(self, tmp_path, times, rows, told):
+        (tmp_path / "x.log").write_text(self.lines(times))
+        (log,) = read_logs([tmp_path / "x.log"])
+        assert log.odometry[:, 0].tolist() == rows
+        assert log.odometry_times.tolist() == [float(times[row]) for row in rows]
+        assert log.notes == (told,)
+
+    def test_times_that_were_rounded_are_counted_anew(self, tmp_path):
+        (tmp_path / "x.log").write_text(self.lines([1, 1, 1, 2, 2, 2]))
+        (log,) = read_logs([tmp_path / "x.log"])
+        assert log.odometry_times.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+        assert log.notes == ("the times of its lines do not rise: a line stands for a second.",)
+
+    def test_a_last_line_that_is_cut_is_left_out(self, tmp_path):
+        (tmp_path / "x.log").write_text(CARMEN.rstrip("\n")[:-20])
+        (log,) = read_logs([tmp_path / "x.log"])
+        assert len(log.turns) == 2
+        assert log.notes == ("its last line is cut, and left out.",)
 
     @pytest.mark.parametrize(
         ("old", "new", "words"),
@@ -374,6 +465,17 @@ class TestAnyFile:
         for log, expected in zip(found, shifted, strict=True):
             assert log.odometry_times == pytest.approx(expected.odometry_times - first, abs=1e-6)
             assert log.turns[1].times == pytest.approx(expected.turns[1].times - first, abs=1e-5)
+
+    def test_clocks_that_are_years_apart_are_told(self, tmp_path):
+        for name, begin in (("a", 1.7e9), ("b", 1.7e9 + 3600.0), ("c", 1.4e9), ("d", 0.0)):
+            lines = "".join(f"FLASER 2 1 2 0 0 0 {k} 0 0 {begin + k} h {begin + k}\n" for k in range(3))
+            (tmp_path / f"{name}.log").write_text(lines)
+        found = {log.name: log.notes for log in read_logs([tmp_path / f"{name}.log" for name in "abcd"])}
+        assert found["a"] == found["b"] == ()
+        assert found["c"] == ("it begins 3472.22 days before a; are these logs of one run, and their clocks right?",)
+        assert found["d"] == (
+            "its times are not counted from 1970, as those of a are: both are taken to begin at once.",
+        )
 
     @pytest.mark.parametrize("data", [b"", b"abc\n", b"\x89PNG", b"\x1f\x8b garbage"])
     def test_another_file(self, tmp_path, data):

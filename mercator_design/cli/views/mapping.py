@@ -13,12 +13,13 @@ from mercator_design.cli.views.sources import StartingPose
 from mercator_design.command import NumberRange, print_note, print_result
 from mercator_design.errors import printable_lines
 from mercator_design.jit import announced, compiling
-from mercator_design.mapping.logs import RobotLog
+from mercator_design.mapping.logs import HEAD_RADIUS, RobotLog
 from mercator_design.mapping.plan.occupancy import RESOLUTION
 from mercator_design.mapping.plan.plans import messages_of, plans_of
-from mercator_design.mapping.readers.reading import read_logs
+from mercator_design.mapping.readers.bags import Topics
+from mercator_design.mapping.readers.reading import LidarOptions, read_logs
 from mercator_design.mapping.swarm import map_swarm
-from mercator_design.show.maps.folder import SUMMARY, write_maps
+from mercator_design.show.maps.folder import made_files, write_maps
 from mercator_design.show.maps.summary import text
 from mercator_design.show.text.progress import Display, Mode
 from mercator_design.system.files import writing
@@ -42,6 +43,20 @@ _STAGES = {"turns": (0, 60), "loops": (0, 60), "frames": (60, 75), "keyframes": 
     "--lidar-pose", type=StartingPose(), help="Where the lidar is on the robot.  [default: as the log has it]"
 )
 @click.option(
+    "--range-max",
+    type=NumberRange(0.2, 1000.0),
+    help="Farther readings [m] do not count.  [default: what a bag's scans say, or 12]",
+)
+@click.option(
+    "--head-radius",
+    type=NumberRange(0.005, 1.0),
+    default=HEAD_RADIUS,
+    show_default=True,
+    help="Radius [m] of the other robots at the height of the lidar.",
+)
+@click.option("--scan", metavar="TOPIC", default="scan", show_default=True, help="Scans in a bag of ROS.")
+@click.option("--odom", metavar="TOPIC", default="odom", show_default=True, help="Odometry in a bag of ROS.")
+@click.option(
     "--resolution",
     type=NumberRange(0.005, 1.0),
     default=RESOLUTION,
@@ -63,6 +78,10 @@ def map(  # noqa: A001 - the verb's name
     output: Path,
     starts: tuple[Pose, ...],
     lidar_pose: Pose | None,
+    range_max: float | None,
+    head_radius: float,
+    scan: str,
+    odom: str,
     resolution: float,
     clocks: float,
     seed: int,
@@ -75,12 +94,14 @@ def map(  # noqa: A001 - the verb's name
     are placed by their sightings of each other, or by what both saw. Robots of which that is not certain get maps of
     their own, and a sentence says why.
 
-    The folder gets pictures (map.png), maps for ROS (map.yaml and map.pgm), the ways of robots in TUM's format, walls
-    as lines (walls.geojson) and as small pieces (surfels.csv), and a summary (summary.json).
+    The folder gets a page with all of it (report.html), pictures (map.png), maps for ROS (map.yaml and map.pgm), the
+    ways of robots in TUM's format, keyframes with their covariances (keyframes.csv), walls as lines (walls.geojson)
+    and as small pieces (surfels.csv), and a summary (summary.json).
     """
-    for path in logs:
-        check_apart(output / SUMMARY, (path,))
-    found = read_logs(logs, None if lidar_pose is None else np.array(lidar_pose))
+    for file in (output, *made_files(output)):
+        check_apart(file, logs)
+    pose = None if lidar_pose is None else np.array(lidar_pose)
+    found = read_logs(logs, LidarOptions(pose, Topics(scan, odom), range_max, head_radius))
     found = _started(found, starts)
     done = 0
     with (

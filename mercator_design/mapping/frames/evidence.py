@@ -16,8 +16,8 @@ from mercator_design.mapping.poses import inverse
 NEAREST, FARTHEST = 0.2, 4.0
 """[m] Distances between robots at which beams say something."""
 
-_HEAD_FRONT = 0.03
-"""[m] From the centre of a head to the nearest return."""
+_HEAD_FRONT = 0.03 / 0.035
+"""Of a head's radius, from its centre to the nearest return, and to each side of the beams that must meet it."""
 _TOLERANCE = 0.10
 """[m]"""
 _HIT, _MISS = 1, -1
@@ -68,6 +68,7 @@ def _seen_by(a: Fragment, b: Fragment, frame: Floats, offset: float, most: int) 
         np.concatenate([turn.ranges for turn in turns]).astype(np.float64),
         first,
         np.asarray(a.track.log.lidar_pose, dtype=np.float64),
+        _HEAD_FRONT * b.track.log.head_radius,
         a.poses,
         a.start,
         to_frame(frame, b),
@@ -84,6 +85,7 @@ def fill_evidence(
     ranges: Floats,
     first: Numbers,
     lidar: Floats,
+    head: float,
     own: Floats,
     own_start: float,
     other: Floats,
@@ -98,6 +100,7 @@ def fill_evidence(
         ranges: (beams,) [m], 0 where nothing returned.
         first: (turns + 1,) the first beam of each turn.
         lidar: (3,) its pose on the robot.
+        head: [m] from the centre of the other robot's head to the nearest return.
         own: (m, 3) poses of the robot, every STEP.
         own_start: [s] the time of the first of them.
         other: (k, 3) poses of the other robot in the same frame.
@@ -115,7 +118,7 @@ def fill_evidence(
                 away = abs(angle_between(angles[k], bearing))
                 if away < least:
                     least, nearest_beam = away, k
-        window = max(0.02, 0.03 / max(distance, 0.01))
+        window = max(0.02, head / max(distance, 0.01))
         n, nearest = 0, math.inf
         for k in range(low, high):
             if ranges[k] > 0.0 and abs(angle_between(angles[k], bearing)) <= window:
@@ -123,7 +126,7 @@ def fill_evidence(
                 nearest = min(nearest, ranges[k])
         found[turn] = 0
         if n >= 2 and distance >= NEAREST:
-            if abs(nearest - (distance - _HEAD_FRONT)) <= _TOLERANCE:
+            if abs(nearest - (distance - head)) <= _TOLERANCE:
                 found[turn] = _HIT
             elif nearest > distance + _TOLERANCE:
                 found[turn] = _MISS

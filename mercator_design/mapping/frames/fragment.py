@@ -12,8 +12,8 @@ from mercator_design.mapping.track import Keyframes, Track
 
 STEP = 0.02
 """[s] Between the poses of a fragment."""
-HEAD_DEPTH = 0.0275
-"""[m] By which the centroid of a head's returns lies before its centre: pi/4 of its radius of 3.5 cm."""
+HEAD_DEPTH = 0.25 * math.pi
+"""Of a head's radius, by which the centroid of its returns lies before its centre."""
 
 _MARGIN = 0.1
 """[s] About half a turn of a lidar: by it the odometry continues a fragment at its ends."""
@@ -146,7 +146,7 @@ def _sightings(fragment: Fragment) -> Sightings:
     points = np.column_stack([at[:, 0] + c * x - s * y, at[:, 1] + s * x + c * y])
     lidar = compose(moment, track.log.lidar_pose)[:, :2]
     away = points - lidar
-    away *= HEAD_DEPTH / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, np.newaxis]
+    away *= HEAD_DEPTH * track.log.head_radius / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, np.newaxis]
     return Sightings(times, points + away, chosen)
 
 

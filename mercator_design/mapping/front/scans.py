@@ -15,14 +15,14 @@ from mercator_design.jit import compiled, jittable
 from mercator_design.mapping.logs import RobotLog, Turn
 from mercator_design.mapping.poses import relative
 
-MIN_RANGE, MAX_RANGE = 0.12, 12.0
-"""Readings [m] that count as returns."""
+MIN_RANGE = 0.12
+"""Readings [m] that count as returns are not less."""
 
 NOTHING, RETURN, CLUSTERED = 0, 1, 2
 """Kinds of beams: without a return, with one, and with one in a small free-standing cluster."""
 
 _CLUSTER_GAP = 0.10  # [m] between points of one cluster
-_CLUSTER_WIDTH = 0.13  # [m]
+_CLUSTER_MARGIN = 0.06  # [m] by which a cluster may be wider than a head
 _CLUSTER_CLEARANCE = 0.06  # [m] that the beams beside it go farther
 _LOST = 2  # beams without a return that may lie between neighbours
 _NEIGHBOURS = 14  # points to each side of which a normal is made
@@ -73,6 +73,7 @@ def deskew(
     odometry: Floats,
     lag: float,
     lidar: Floats,
+    most: float,
     beams: Beams,
 ) -> None:
     """Fill in the beams of a turn.
@@ -85,6 +86,7 @@ def deskew(
         odometry: (m, 3) with unwrapped headings.
         lag: [s].
         lidar: (3,) its pose on the robot.
+        most: [m] Farther readings do not count.
         beams: Receives the beams, all but the clusters.
     """
     n = len(times)
@@ -103,7 +105,7 @@ def deskew(
         beams.origins[k, 0], beams.origins[k, 1] = ox, oy
         beams.points[k, 0], beams.points[k, 1] = ox + r * math.cos(direction), oy + r * math.sin(direction)
         beams.ages[k] = (t - middle) / duration
-        beams.kinds[k] = RETURN if MIN_RANGE <= r <= MAX_RANGE else NOTHING
+        beams.kinds[k] = RETURN if MIN_RANGE <= r <= most else NOTHING
 
 
 @jittable
@@ -125,12 +127,13 @@ def _is_farther(beams: Beams, ranges: Floats, k: int, step: int) -> bool:
 
 
 @jittable
-def mark_clusters(beams: Beams, ranges: Floats, clusters: Floats) -> int:
+def mark_clusters(beams: Beams, ranges: Floats, widest: float, clusters: Floats) -> int:
     """Mark the small free-standing clusters of a turn.
 
     Args:
         beams: Of the turn; their kinds are changed.
         ranges: (n,) [m].
+        widest: [m] Wider clusters are none.
         clusters: (m, 4) receives the centroid [m], the middle beam and the number of beams of each.
 
     Returns:
@@ -154,7 +157,7 @@ def mark_clusters(beams: Beams, ranges: Floats, clusters: Floats) -> int:
             k += 1
         k = last + 1
         width = math.hypot(points[first, 0] - points[last, 0], points[first, 1] - points[last, 1])
-        if count < 2 or width > _CLUSTER_WIDTH:
+        if count < 2 or width > widest:
             continue
         if _is_farther(beams, ranges, first, -1) and _is_farther(beams, ranges, last, 1):
             for i in range(first, last + 1):
@@ -257,8 +260,11 @@ class Preparation:
         n = len(turn.times)
         beams = Beams(self._points[:n], self._origins[:n], self._ages[:n], self._kinds[:n])
         times, angles, ranges = (np.ascontiguousarray(one, float) for one in turn)
-        compiled(deskew)(times, angles, ranges, self.times, self.odometry, self.lag, self._lidar, beams)
-        clusters = self._clusters[: compiled(mark_clusters)(beams, ranges, self._clusters)]
+        compiled(deskew)(
+            times, angles, ranges, self.times, self.odometry, self.lag, self._lidar, self.log.max_range, beams
+        )
+        widest = 2.0 * self.log.head_radius + _CLUSTER_MARGIN
+        clusters = self._clusters[: compiled(mark_clusters)(beams, ranges, widest, self._clusters)]
         thinned = Thinned(self._thinned, self._normals, self._thin_ages)
         kept = compiled(thin)(beams, ranges, self.reach, self.spacing, thinned)
         points, normals, ages = (one[:kept] for one in thinned)

@@ -19,6 +19,7 @@ MIN_LAG = 0.005
 MIN_GAP = 5.0
 """Seconds without a turn that are worth a message."""
 
+_MAX_LISTED = 5  # moments in a sentence
 _SCANTY = 0.5  # of the turns of a log without walls, from which on the walls may be lower than the lidar
 
 
@@ -78,20 +79,29 @@ def messages_of(tracks: Sequence[Track]) -> list[str]:
     said = []
     for track in tracks:
         name, log = track.log.name, track.log
+        said += [f"{name}: {note}" for note in log.notes]
+        if len(log.turns) > 1 and all(turn.times[0] == turn.times[-1] for turn in log.turns):
+            said.append(f"{name}: all beams of a turn have one time; where the robot turned, its map is distorted.")
         if not log.turns:
             said.append(f"{name}: its log has no turns of a lidar.")
         elif len(log.turns) > 1 and np.mean(track.shares[1:] == 0.0) > _SCANTY:
             said.append(f"{name}: most turns of its lidar saw no walls; are they lower than the lidar (0.154 m)?")
         if track.n_segments > 1:
             first = [int(np.flatnonzero(track.segments == number)[0]) for number in range(1, track.n_segments)]
-            moments = ", ".join(f"{track.times[k] - track.times[0]:.1f}" for k in first)
+            moments = listed([f"{track.times[k] - track.times[0]:.1f}" for k in first])
             said.append(f"{name} was lost {moments} s after its first turn: carried, or its odometry was wrong.")
         if abs(track.lag) > MIN_LAG:
             side = "late" if track.lag < 0.0 else "early"
             said.append(f"{name}: the times of its lidar are {abs(track.lag):.3f} s {side}; this is corrected.")
         gaps = np.diff(track.times)
-        said += [
-            f"{name}: no turn of its lidar for {gaps[k]:.1f} s, from {track.times[k] - track.times[0]:.1f} s on."
-            for k in np.flatnonzero(gaps > max(MIN_GAP, 5.0 * float(np.median([*gaps, 0.0]))))
-        ]
+        long = np.flatnonzero(gaps > max(MIN_GAP, 5.0 * float(np.median([*gaps, 0.0]))))
+        if len(long):
+            moments = listed([f"{gaps[k]:.1f} s, from {track.times[k] - track.times[0]:.1f} s on" for k in long])
+            said.append(f"{name}: no turn of its lidar for {moments}.")
     return said
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas; of many only the first ones, and how many more."""
+    shown, more = words[:_MAX_LISTED], len(words) - _MAX_LISTED
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -4,7 +4,9 @@ import contextlib
 import gzip
 import math
 import zlib
+from bisect import bisect_left
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +21,7 @@ MARKS = (b"FLASER ", b"ROBOTLASER1 ")
 _MAX_READING = 79.0  # [m] more is no return
 _MAX_READINGS = 100_000  # of a line
 _MAX_SIZE = 2**30  # bytes, unpacked
+_MIN_RISING = 0.8  # of the lines, whose times must rise
 _FACING = math.pi  # [rad] field of view of FLASER
 
 
@@ -81,8 +84,9 @@ def _shown(word: bytes) -> str:
 def read_carmen(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     """The log of one robot.
 
-    Its odometry is that of the lines with readings. All readings of a line have one time; if the times of lines do not
-    rise, as in logs that rounded them, a line stands for a second.
+    Its odometry is that of the lines with readings. All readings of a line have one time. Lines whose times do not fit
+    among the others, which rise, are left out; if these are many, as in logs that rounded the times, a line stands for
+    a second. A last line that is cut is left out, too. Notes tell of each.
 
     Args:
         path: Of the file, which may be gzip'd.
@@ -91,26 +95,52 @@ def read_carmen(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     Raises:
         MercatorError: The file cannot be read, or a line is not of this format.
     """
-    rows = []
-    for number, line in enumerate(_contents(path).split(b"\n"), 1):
+    rows, notes = [], []
+    lines = _contents(path).split(b"\n")
+    for number, line in enumerate(lines, 1):
         if line.startswith(MARKS):
             try:
                 rows.append(_row(_Words(line)))
             except ValueError as error:
-                raise MercatorError(f"{path}:{number}: {error}") from None
+                if number < len(lines) or not rows:
+                    raise MercatorError(f"{path}:{number}: {error}") from None
+                notes.append("its last line is cut, and left out.")
     if not rows:
         raise MercatorError(f"{path}: expected lines with FLASER or ROBOTLASER1, found none")
-    times = np.array([row[4] for row in rows])
-    if (np.diff(times) <= 0.0).any():
+    times = np.array([row.time for row in rows])
+    rising = _rising(times)
+    if len(rising) < _MIN_RISING * len(rows):
         times = np.arange(len(rows), dtype=float)
-    odometry = np.array([row[3] for row in rows])
+        notes.append("the times of its lines do not rise: a line stands for a second.")
+    elif len(rising) < len(rows):
+        notes.append(f"{len(rows) - len(rising)} lines whose times do not rise are left out.")
+        rows, times = [rows[k] for k in rising], times[rising]
+    odometry = np.array([row.odometry for row in rows])
     odometry[:, 2] = np.unwrap(odometry[:, 2])
     turns = [
-        Turn(np.full(len(ranges), time), angles, ranges)
-        for time, (angles, ranges, *_) in zip(times.tolist(), rows, strict=True)
+        Turn(np.full(len(row.ranges), time), row.angles, row.ranges)
+        for time, row in zip(times.tolist(), rows, strict=True)
     ]
-    mounted = poses.between(rows[0][3], rows[0][2]) if lidar_pose is None else lidar_pose
-    return RobotLog(path.name.partition(".")[0], turns, times, odometry, np.asarray(mounted, float))
+    mounted = poses.between(rows[0].odometry, rows[0].laser) if lidar_pose is None else lidar_pose
+    name = path.name.partition(".")[0]
+    return RobotLog(name, turns, times, odometry, np.asarray(mounted, float), notes=tuple(notes))
+
+
+def _rising(times: Floats) -> list[int]:
+    """The most rows whose times rise (patience sorting: the longest increasing part)."""
+    ends: list[float] = []  # the least last time of a rising part of each length
+    rows: list[int] = []  # of these times
+    before = [-1] * len(times)
+    for row, time in enumerate(times.tolist()):
+        place = bisect_left(ends, time)
+        before[row] = rows[place - 1] if place else -1
+        ends[place : place + 1], rows[place : place + 1] = [time], [row]
+    found = []
+    row = rows[-1]
+    while row >= 0:
+        found.append(row)
+        row = before[row]
+    return found[::-1]
 
 
 def _contents(path: Path) -> bytes:
@@ -131,8 +161,22 @@ def _contents(path: Path) -> bytes:
     return data
 
 
-def _row(words: _Words) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """Angles, ranges, the pose of the laser and of the odometry, and the time of a line."""
+class _Row(NamedTuple):
+    """A line with readings."""
+
+    angles: Floats  # (n,) [rad]
+    ranges: Floats  # (n,) [m]
+    laser: Floats  # (3,)
+    odometry: Floats  # (3,)
+    time: float  # [s]
+
+
+def _row(words: _Words) -> _Row:
+    """The contents of a line.
+
+    Raises:
+        ValueError: with what was expected.
+    """
     if words.take("a kind") == b"FLASER":
         n = words.count(2, "the number of readings")
         step, begin = _FACING / (n - n % 2), -0.5 * _FACING
@@ -151,4 +195,4 @@ def _row(words: _Words) -> tuple[Floats, Floats, Floats, Floats, float]:
         words.numbers(5, "speeds and distances")
         time = words.number("time")
     angles = np.asarray(begin + step * np.arange(n), np.float64)
-    return angles, np.where((ranges > 0.0) & (ranges < _MAX_READING), ranges, 0.0), laser, odometry, time
+    return _Row(angles, np.where((ranges > 0.0) & (ranges < _MAX_READING), ranges, 0.0), laser, odometry, time)

@@ -18,14 +18,16 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.errors import RobotError
 from mercator_design.mapping.logs import RobotLog, Turn
-from mercator_design.robot.logs.events import LogEvent, RecordingStarted, RunStarted, SampleTaken, TurnTaken
-from mercator_design.robot.logs.log import read
+from mercator_design.robot.logs.events import LogEnded, LogEvent, RecordingStarted, RunStarted, SampleTaken, TurnTaken
+from mercator_design.robot.logs.log import NO_END, read
 from mercator_design.robot.logs.turns import packets_of
 from mercator_design.robot.protocols.ydlidar import MAX_RANGE, TURN, correction
 
 _PACKET = 40 / 5000  # [s] that an X4 takes for a usual packet
 _USUAL_TURN = 719 / 5000  # [s] of an X4
 _TURNS = (0.05, 0.5)  # [s] that turns may take
+_MIN_SHARE = 0.99  # of a turn's usual time that it takes: the lidar's speed varies
+_MAX_GAP = 1.0  # [s] between places, across which there is no odometry
 _NEIGHBOURS = 10  # turns before and behind one whose durations tell its own
 
 
@@ -60,10 +62,12 @@ class _Heard:
             if passage is not None:
                 self.passages.append(passage)
         elif isinstance(event, SampleTaken) and event.sensor == "attitude":
-            self.yaws.append((event.time, float(event.values[2] or 0.0)))
+            if (yaw := event.values[2]) is not None:
+                self.yaws.append((event.time, float(yaw)))
         elif isinstance(event, SampleTaken) and event.sensor == "position":
-            x, y = (float(value or 0.0) for value in event.values)
-            self.places.append((event.time, x, y))
+            x, y = event.values
+            if x is not None and y is not None:
+                self.places.append((event.time, float(x), float(y)))
 
 
 def read_robot_log(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
@@ -82,9 +86,10 @@ def read_robot_log(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     with closing(read(path, None)) as events:
         start = next(events)
         assert isinstance(start, RunStarted | RecordingStarted)  # noqa: S101 - `read` has checked it
-        heard = _Heard(start.lidar_angle)
+        heard, has_end = _Heard(start.lidar_angle), False
         for event in events:
             heard.take(event)
+            has_end = has_end or isinstance(event, LogEnded)
     if not heard.passages:
         expected = "expected turns of the lidar, found none"
         why = "an earlier version wrote the log of a run without them, or the robot ran without its lidar"
@@ -96,9 +101,11 @@ def read_robot_log(path: Path, lidar_pose: Floats | None = None) -> RobotLog:
     if isinstance(start, RunStarted) and start.clock is not None:
         began -= start.clock.ahead
     times, odometry = _odometry(heard.yaws, heard.places)
+    if len(times) < 2:
+        raise RobotError(f"{path}: expected yaws and places of the same time, found none within {_MAX_GAP} s")
     mounted = np.array([0.0, 0.0, start.lidar_angle]) if lidar_pose is None else np.asarray(lidar_pose, float)
     turns = _turns(heard.passages, began, start.lidar_angle)
-    return RobotLog(start.robot, turns, began + times, odometry, mounted)
+    return RobotLog(start.robot, turns, began + times, odometry, mounted, notes=() if has_end else (f"{NO_END}.",))
 
 
 def _of_samples(turn: TurnTaken, front: float) -> _Passage | None:
@@ -148,11 +155,17 @@ def _unwound(ends: Sequence[tuple[int, int]]) -> tuple[Floats, Floats]:
 
 
 def _turns(passages: Sequence[_Passage], began: float, front: float) -> list[Turn]:
-    """The turns, with the times of their beams [s, since 1970], of a log that began at a time; angles from a front."""
+    """The turns, with the times of their beams [s, since 1970], of a log that began at a time; angles from a front.
+
+    A turn all of whose packets waited, as the program was stalled, would begin too late; it ended before the next one.
+    """
     durations = _durations([passage.begins(_USUAL_TURN) for passage in passages])
+    begins = [passage.begins(turn) for passage, turn in zip(passages, durations, strict=True)]
+    for k in range(len(begins) - 2, -1, -1):
+        begins[k] = min(begins[k], begins[k + 1] - _MIN_SHARE * durations[k])
     return [
-        Turn(began + passage.begins(turn) + turn * passage.travelled, passage.angles - front, passage.ranges)
-        for passage, turn in zip(passages, durations, strict=True)
+        Turn(began + begin + turn * passage.travelled, passage.angles - front, passage.ranges)
+        for begin, passage, turn in zip(begins, passages, durations, strict=True)
     ]
 
 
@@ -170,11 +183,16 @@ def _durations(begins: Sequence[float]) -> list[float]:
 def _odometry(
     yaws: Iterable[tuple[float, float]], places: Iterable[tuple[float, float, float]]
 ) -> tuple[Floats, Floats]:
-    """Times (n,) [s] and poses (n, 3) at the yaws, with places between those that came."""
+    """Times (n,) [s] and poses (n, 3) at the yaws, with places between those that came; none where these have a gap."""
     times, headings = np.array(sorted(yaws)).T
     at, x, y = np.array(sorted(places)).T
     times, which = np.unique(times, return_index=True)
-    return times, np.column_stack([np.interp(times, at, x), np.interp(times, at, y), np.unwrap(headings[which])])
+    after = np.searchsorted(at, times)
+    before_gap = times - at[np.maximum(np.searchsorted(at, times, side="right") - 1, 0)]
+    after_gap = at[np.minimum(after, len(at) - 1)] - times
+    known = np.abs(before_gap) + np.abs(after_gap) <= _MAX_GAP
+    poses = np.column_stack([np.interp(times, at, x), np.interp(times, at, y), np.unwrap(headings[which])])
+    return times[known], poses[known]
 
 
 _CORRECTIONS = np.array([correction(mm / 1000.0) for mm in range(2**16 // 4 + 1)])

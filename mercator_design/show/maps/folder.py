@@ -1,8 +1,9 @@
 """Writes maps to a folder."""
 
+import itertools
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,16 @@ from mercator_design.system.files import write_bytes, write_text
 SUMMARY = "summary.json"
 
 _SUFFIXES = (".png", ".pgm", ".yaml", ".geojson", ".csv", ".tum")  # of the files of a map
+_MAX_NAME = 60  # characters of a robot's name in that of a file
 _ROBOT_MODEL = "mercator"  # whose shape the replay has
+
+
+def made_files(folder: Path) -> list[Path]:
+    """The files in a folder that a map may replace or remove, by their endings."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix in {*_SUFFIXES, ".html", ".json"})
+    except OSError:
+        return []
 
 
 def write_maps(
@@ -40,10 +50,11 @@ def write_maps(
     folder.mkdir(parents=True, exist_ok=True)
     before = _written_before(folder)
     pictures = [picture_of(plan, caption) for plan in plans]
+    taken: set[str] = set()
     files = [
         file
         for number, (plan, picture) in enumerate(zip(plans, pictures, strict=True))
-        for file in _write(folder, number, plan, picture)
+        for file in _write(folder, number, plan, picture, taken)
     ]
     found = figures(plans, messages, [*files, folder / REPORT, folder / SUMMARY], seed)
     write_text(folder / REPORT, page_of(plans, found, pictures, load_robot_model(_ROBOT_MODEL), caption))
@@ -62,7 +73,8 @@ def _written_before(folder: Path) -> set[Path]:
         return set()
 
 
-def _write(folder: Path, number: int, plan: Plan, picture: bytes) -> list[Path]:
+def _write(folder: Path, number: int, plan: Plan, picture: bytes, taken: set[str]) -> list[Path]:
+    """Write the files of a map; `taken` are names of ways, in lower case, and receives more."""
     end = "" if number == 0 else f"-{number + 1}"
     cells = folder / f"map{end}.pgm"
     contents: dict[Path, bytes] = {
@@ -74,11 +86,16 @@ def _write(folder: Path, number: int, plan: Plan, picture: bytes) -> list[Path]:
         folder / f"surfels{end}.csv": formats.surfels_csv(plan.pieces).encode(),
     }
     for way in plan.ways:
-        name = re.sub(r"[^A-Za-z0-9]+", "-", way.name).strip("-") or "robot"
-        path = folder / f"{name}{end}.tum"
-        while path in contents:
-            path = path.with_stem(f"{path.stem}-2")
-        contents[path] = formats.tum_of(way).encode()
+        name = _file_name(way.name, end, taken)
+        taken.add(name.lower())
+        contents[folder / f"{name}.tum"] = formats.tum_of(way).encode()
     for path, data in contents.items():
         write_bytes(path, data)
     return list(contents)
+
+
+def _file_name(robot: str, end: str, taken: Container[str]) -> str:
+    """A name of a file, which no other one has in a file system that does not tell upper from lower case."""
+    name = (re.sub(r"[^A-Za-z0-9]+", "-", robot)[:_MAX_NAME].strip("-") or "robot") + end
+    numbered = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+    return next(one for one in numbered if one.lower() not in taken)

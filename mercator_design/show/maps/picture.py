@@ -21,6 +21,7 @@ _MAX_WIDTH, _MAX_HEIGHT = 9.0, 8.0  # inches
 _MARGIN = 0.15  # [m]
 _ELLIPSE = math.sqrt(5.991)  # standard deviations of an ellipse of 95 %
 _ELLIPSE_SHARE = 0.01  # of the picture's width that half a usual ellipse takes
+_MAX_NAME = 30  # characters in the legend
 _MAX_ELLIPSES = 30  # of a robot
 
 
@@ -56,7 +57,7 @@ def draw_map(axes: Axes, plan: Plan) -> None:
         if len(way.poses):
             colour = COLOURS[number % len(COLOURS)]
             axes.plot(way.poses[:, 0], way.poses[:, 1], color=colour, linewidth=0.7, alpha=0.8, zorder=2)
-            axes.plot(*way.poses[0, :2], "o", color=colour, markersize=4.0, zorder=4, label=way.name)
+            axes.plot(*way.poses[0, :2], "o", color=colour, markersize=4.0, zorder=4, label=way.name[:_MAX_NAME])
     if 0 < len(plan.ways) <= len(COLOURS):
         axes.legend(fontsize=6, loc="upper right", framealpha=0.9)
     axes.set_aspect("equal")

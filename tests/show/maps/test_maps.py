@@ -18,7 +18,7 @@ from mercator_design.errors import MercatorError
 from mercator_design.mapping import poses
 from mercator_design.mapping.merit.occupancy import distances_to
 from mercator_design.mapping.plan.occupancy import occupancy_of
-from mercator_design.mapping.plan.plans import plans_of
+from mercator_design.mapping.plan.plans import messages_of, plans_of
 from mercator_design.mapping.swarm import map_swarm
 from mercator_design.show.maps import formats
 from mercator_design.show.maps.folder import write_maps
@@ -132,6 +132,42 @@ def test_files_of_an_earlier_map_are_removed_and_no_others(plan, tmp_path):
     write_maps(tmp_path, [plan], [])
     assert [file.name for file in tmp_path.iterdir() if "-2." in file.name] == ["mine-2.tum"]
     assert (tmp_path / "robot-1.tum").exists()
+
+
+def test_names_of_robots_that_differ_little_are_different_files(plan, tmp_path):
+    """Also where a file system does not tell upper from lower case, or a robot's name looks like that of a map."""
+    (way,) = plan.ways
+    first = replace(plan, ways=tuple(replace(way, name=name) for name in ("Twin", "twin", "twin (2)", "x" * 300)))
+    second = replace(plan, ways=(replace(way, name="twin"),))
+    files = [path.split("/")[-1] for path in write_maps(tmp_path, [first, second], [])["files"] if ".tum" in path]
+    assert files == ["Twin.tum", "twin-2.tum", "twin-2-2.tum", f"{'x' * 60}.tum", "twin-2-3.tum"]
+    assert all((tmp_path / name).exists() for name in files)
+
+
+def test_messages_do_not_list_thousands_of_moments(plan):
+    (way,) = plan.ways
+    track = way.track
+    torn = replace(track, segments=np.arange(len(track.times)), times=np.cumsum(np.full(len(track.times), 20.0)))
+    lost, gaps = messages_of([torn, replace(track, times=np.concatenate([track.times[:-1], track.times[-1:] + 90]))])
+    assert re.search(r"was lost 20.0, 40.0, 60.0, 80.0, 100.0 and \d+ more s after", lost)
+    assert gaps.endswith("s on.")
+
+
+def test_a_note_of_a_log_and_turns_of_one_time_are_told(log):
+    at_once = [turn._replace(times=np.full(len(turn.times), turn.middle)) for turn in log.turns[:3]]
+    noted = replace(log, turns=at_once, notes=("its last line is cut, and left out.",))
+    said = messages_of(map_swarm([noted]).tracks)
+    assert said[0] == "robot: its last line is cut, and left out."
+    assert "all beams of a turn have one time" in said[1]
+
+
+def test_no_log_is_overwritten(carmen, tmp_path):
+    (tmp_path / "map").mkdir()
+    linked = tmp_path / "map" / "log.tum"
+    linked.symlink_to(carmen)
+    done = CliRunner().invoke(cli, ["map", str(carmen), "-o", str(tmp_path / "map")])
+    assert done.exit_code == 2
+    assert "log.tum: expected another file than the one that is read" in done.output
 
 
 def test_a_grid_without_end_is_refused(plan):

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import pandas as pd
 
 from mercator_design.arrays import Floats
-from mercator_design.errors import RaceError
+from mercator_design.errors import StudyError
 from mercator_design.scores import ScoreRange, is_score
 
 Direction = Literal["maximise", "minimise"]
@@ -72,7 +72,7 @@ class StudyTable:
         and the number of runs. By default it is made of `runs`.
 
     Raises:
-        RaceError: A column is missing, there is no row, a design has two seeds or a run occurs twice, a score is not
+        StudyError: A column is missing, there is no row, a design has two seeds or a run occurs twice, a score is not
             valid, or a mission has no direction.
     """
 
@@ -90,9 +90,9 @@ class StudyTable:
         _check(self.name, self.designs, DESIGN_COLUMNS)
         if self.by not in self._factors[1:]:
             expected = ", ".join(self._factors[1:])
-            raise RaceError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
+            raise StudyError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
         if unknown := [mission for mission in self.missions if mission not in self.directions]:
-            raise RaceError(f"study {self.name}: expected the direction of mission {unknown[0]}, found none")
+            raise StudyError(f"study {self.name}: expected the direction of mission {unknown[0]}, found none")
 
     @property
     def _factors(self) -> list[str]:
@@ -169,14 +169,14 @@ def _check(name: str, rows: pd.DataFrame, columns: tuple[str, ...], *within: str
     """Check the rows of a table; `within` are the columns that tell rows of one design and reality apart."""
     where = f"study {name}"
     if missing := [column for column in columns if column not in rows]:
-        raise RaceError(f"{where}: expected the column {missing[0]}, found {', '.join(map(str, rows.columns))}")
+        raise StudyError(f"{where}: expected the column {missing[0]}, found {', '.join(map(str, rows.columns))}")
     if rows.empty:
-        raise RaceError(f"{where}: expected results, found none")
+        raise StudyError(f"{where}: expected results, found none")
     if not rows["score"].map(lambda score: is_score(float(score))).all():
-        raise RaceError(
+        raise StudyError(
             f"{where}: expected a score in each row, found {rows['score'][~rows['score'].map(is_score)].iloc[0]}"
         )
     key = [column for column in (*FACTORS, "repetition", "reality", *within) if column in rows]
     if (twice := rows.duplicated(key)).any():
         found = ", ".join(f"{column} {rows.loc[twice, column].iloc[0]}" for column in key)
-        raise RaceError(f"{where}: expected one row for each of {', '.join(key)}, found two of {found}")
+        raise StudyError(f"{where}: expected one row for each of {', '.join(key)}, found two of {found}")

@@ -3,7 +3,7 @@ import math
 import pandas as pd
 import pytest
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import StudyError
 from mercator_design.study.table import StudyTable
 from tests.study.tables import run_rows, study_table
 
@@ -82,12 +82,12 @@ def test_a_table_of_designs_needs_no_runs():
     ],
 )
 def test_wrong_tables_are_refused(change, words):
-    with pytest.raises(RaceError, match=words):
+    with pytest.raises(StudyError, match=words):
         study_table(change(run_rows(SCORES)))
 
 
 def test_a_factor_that_is_no_column_and_a_mission_without_direction_are_refused():
-    with pytest.raises(RaceError, match="one of robot_model, method, budget, found flavour"):
+    with pytest.raises(StudyError, match="one of robot_model, method, budget, found flavour"):
         study_table(run_rows(SCORES), by="flavour")
-    with pytest.raises(RaceError, match="direction of mission m"):
+    with pytest.raises(StudyError, match="direction of mission m"):
         StudyTable(name="x", runs=pd.DataFrame(run_rows(SCORES)), directions={}, limits={})

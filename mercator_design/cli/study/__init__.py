@@ -8,6 +8,7 @@ import click
 from mercator_design.command import LazyGroup, LazyVerb
 
 VERBS: Final[Mapping[str, LazyVerb]] = {
+    "compare": LazyVerb("mercator_design.cli.study.compare", "Compare the winners of races that exist."),
     "report": LazyVerb("mercator_design.cli.study.report", "Write the page and the tables of a study again."),
     "run": LazyVerb("mercator_design.cli.study.run", "Run a study, or what is new in it."),
     "status": LazyVerb("mercator_design.cli.study.status", "Show how far a study is."),

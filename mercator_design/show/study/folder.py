@@ -21,7 +21,7 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
         command: The command that makes the files, for the page.
 
     Raises:
-        RaceError: A file cannot be written.
+        MercatorError: A file cannot be written.
     """
     results = analysed(table)
     blocks = table.blocks(results.findings.reality)

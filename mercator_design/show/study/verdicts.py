@@ -179,5 +179,15 @@ def headlines(results: StudyResults) -> Iterator[str]:
     yield from order_sentences(table, results.gap.orders)
 
 
+def all_sentences(results: StudyResults) -> Iterator[str]:
+    """The answer of a study, the verdict on each mission, and what they rest on."""
+    table, findings = results.table, results.findings
+    yield from headlines(results)
+    if findings.pooled or findings.ranks:
+        yield from (pair_sentence(table, pair) for pair in findings.pairs)
+    yield power_sentence(findings)
+    yield unit_sentence(table)
+
+
 def _plural(factor: str) -> str:
     return f"{factor.replace('_', ' ')}s"

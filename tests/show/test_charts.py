@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from mercator_design.show.charts import (
+    COLOURS,
     Axis,
     Bars,
     ChartLine,
@@ -20,6 +21,7 @@ from mercator_design.show.charts import (
     ticks,
     viridis,
 )
+from mercator_design.show.pictures.figures import save_curves
 
 NASTY = "<script>alert(1)</script>\u202e\x1b[31m" + "x" * 10_000
 CHARTS = {
@@ -99,3 +101,15 @@ def test_ticks_are_few_round_and_inside(low, high):
 def test_whole_ticks_and_the_scale():
     assert ticks(1, 3, whole=True) == [1, 2, 3]
     assert [viridis(share) for share in (-1, 0, 1, 2)] == ["#440154", "#440154", "#fde725", "#fde725"]
+
+
+def test_lines_of_a_group_have_one_colour(tmp_path):
+    lines = [ChartLine(name, [0, 1], [k, k + 1], [k, k], [k + 1, k + 2]) for k, name in enumerate("abc")]
+    lines.append(ChartLine("d", [0.5], [2], [1], [3]))
+    save_curves(
+        tmp_path / "x.svg", lines, Axis("x"), Axis("y"), title="t", caption="c", groups=["one", "two", "one", "two"]
+    )
+    drawn = (tmp_path / "x.svg").read_text()
+    assert COLOURS[0] in drawn
+    assert COLOURS[1] in drawn
+    assert COLOURS[2] not in drawn

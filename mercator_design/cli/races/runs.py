@@ -29,7 +29,15 @@ from mercator_design.show.text.analysis import (
 from mercator_design.show.text.columns import with_notes_wrapped
 from mercator_design.show.text.evaluations import Comparison, comparison_data, comparison_text
 from mercator_design.show.text.progress import AblationDisplay, Mode
-from mercator_design.show.text.runs import races_json, run_summary, runs_json, runs_table, save_races, side_by_side
+from mercator_design.show.text.runs import (
+    races_json,
+    run_summary,
+    runs_json,
+    runs_table,
+    save_races,
+    side_by_side,
+    what_races_show,
+)
 from mercator_design.system.files import write_text, writing
 
 _TABLES = {"experiments": experiments_table, "configurations": configurations_table, "tests": tests_table}
@@ -93,7 +101,8 @@ def compare(
     """Show the races of several DIRECTORIES side by side: request, budget, winner, scores.
 
     With --runs, the winners of races for the same mission run on the same fresh instances: a table with paired tests
-    shows which is best, as that of `mdesign evaluate`.
+    shows which is best, as that of `mdesign evaluate`. Each race gives one design, so this does not show which method
+    is best: `mdesign study compare` does.
     """
     table, races = side_by_side(directories), races_json(directories)
     found = None
@@ -102,13 +111,16 @@ def compare(
         simulator.rehearse(announce=print_note)
         evaluated = measured(pfsms, simulator, fresh_instances(seed, runs), jobs=jobs, progress=progress)
         found = Comparison(evaluated, simulator.mission, simulator.robot_model)
+    note = what_races_show(directories)
     if as_json:
         data = comparison_data(found, seed=seed) if found else None
-        print_result(json.dumps({"races": races, "evaluation": data}, allow_nan=False))
+        print_result(json.dumps({"races": races, "evaluation": data, "note": note or None}, allow_nan=False))
     else:
         print_result(table)
         if found:
             print_result(f"\n{comparison_text(found, seed=seed)}")
+        if note:
+            print_result(with_notes_wrapped(f"Note       {note}", terminal_width()))
     if plot is not None:
         with writing(plot):
             save_races(plot, directories, command=command_line())

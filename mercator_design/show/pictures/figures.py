@@ -71,8 +71,13 @@ def draw_caption(figure: Figure, caption: str, y: float, align: str) -> None:
     figure.text(0.5, y, "\n".join(lines), ha="center", va=align, size=6.0, family="monospace")
 
 
-def save_curves(path: Path, lines: Sequence[ChartLine], x: Axis, y: Axis, *, title: str, caption: str) -> None:
+def save_curves(
+    path: Path, lines: Sequence[ChartLine], x: Axis, y: Axis, *, title: str, caption: str, groups: Sequence[str] = ()
+) -> None:
     """Draw lines with their bands; a caption with long lines is wrapped.
+
+    Lines of one group, of which there is a name for each line, have one colour, and styles of their own; by default
+    each line is a group.
 
     Raises:
         OSError: The picture cannot be written.
@@ -80,11 +85,15 @@ def save_curves(path: Path, lines: Sequence[ChartLine], x: Axis, y: Axis, *, tit
     with house_style():
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
         axes = figure.add_subplot()
-        for place, line in enumerate(lines):
-            colour = COLOURS[place % len(COLOURS)]
-            style = _LINES[place // len(COLOURS) % len(_LINES)]
+        names = groups or [str(k) for k in range(len(lines))]
+        places = {name: k for k, name in enumerate(dict.fromkeys(names))}
+        for k, (line, name) in enumerate(zip(lines, names, strict=True)):
+            colour = COLOURS[places[name] % len(COLOURS)]
+            style = _LINES[(places[name] // len(COLOURS) + names[:k].count(name)) % len(_LINES)]
             axes.plot(line.x, line.y, marker="o", ms=3.5, color=colour, linestyle=style, label=line.name)
-            if line.low:
+            if line.low and len(line.x) == 1:
+                axes.vlines(line.x, line.low, line.high, color=colour, linewidth=1.0)
+            elif line.low:
                 axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.15, linewidth=0)
         axes.grid(linewidth=0.4)
         axes.set_xlabel(x.title)

@@ -115,6 +115,18 @@ def races_json(folders: Sequence[Path]) -> list[dict[str, Any]]:
     return [run_of(folder, _begun(folder)) for folder in folders]
 
 
+def what_races_show(folders: Sequence[Path]) -> str:
+    """What the comparison of single races shows, and what it cannot show; empty for one race."""
+    if len(folders) < 2:
+        return ""
+    return (
+        f"this shows how {len(folders)} designs differ, the winners of these races. It does not show how their methods "
+        "differ: another seed gives another design, and many runs of one design are still one design "
+        "(pseudo-replication). To compare methods, flavours or budgets: several races of each with other seeds, and "
+        "mdesign study compare"
+    )
+
+
 def _begun(folder: Path) -> Reading:
     reading = read_journal(folder)
     if not reading.record.start:
@@ -159,6 +171,8 @@ def _scores(where: str, of: Scores) -> dict[str, object]:
 def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     """Draw the best of each iteration over the experiments so far, a line with its confidence band for each race.
 
+    Races of one method and flavour have one colour.
+
     The suffix of the path, .png or .svg, is the format; the command that draws the picture is in its caption.
 
     Raises:
@@ -167,15 +181,21 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
     """
     from mercator_design.show.pictures.figures import save_curves
 
-    lines, names = [], []
+    lines, names, methods = [], [], []
     for folder in folders:
         record = _begun(folder).record
-        lines.append(best_line(printable(str(folder)), record.view.incumbents, possible_scores(folder)))
+        method = ", ".join(filter(None, (record.start["method"], record.start.get("flavour"))))
+        methods.append(method)
+        label = f"{printable(method)}: {printable(str(folder))}"
+        lines.append(best_line(label, record.view.incumbents, possible_scores(folder)))
         names.append(printable(str(record.start["name"])))
-    caption = f"The best of each iteration in the race, on the instances that it had seen by then. {printable(command)}"
+    caption = (
+        "The best of each iteration in the race, on the instances that it had seen by then: one design of each race. "
+        f"{printable(command)}"
+    )
     y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
     title = ", ".join(dict.fromkeys(names))
-    save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption)
+    save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption, groups=methods)
 
 
 def _session(session: SessionStarted | SessionStopped) -> str:

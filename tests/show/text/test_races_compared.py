@@ -64,12 +64,16 @@ class TestCompare:
         assert re.split(r" {2,}", rows["flavour"]) == ["watermelon", "chocolate"]
         assert re.split(r" {2,}", rows["seed"]) == ["1", "2"]
         assert rows["fresh runs"] == "3"
+        assert rows["Note"].startswith("this shows how 2 designs differ, the winners of these races. It does not show")
+        assert "mdesign study compare" in rows["Note"]
+        assert "Note" not in mdesign("runs", "compare", races / "a")[1]
 
     def test_winners_on_the_same_instances(self, mdesign, races):
         code, out, _ = mdesign("runs", "compare", races / "a", races / "b", "-n", 4, "--json")
         found = json.loads(out)
         assert code == 0
         assert [race["flavour"] for race in found["races"]] == ["watermelon", "chocolate"]
+        assert "pseudo-replication" in found["note"]
         mission = load_mission("aggregation", QUICK[1::2])
         for one, name in zip(found["evaluation"]["fsms"], "ab", strict=True):
             pfsm = read_fsm(races / name / "fsm.txt").pfsm

@@ -19,6 +19,11 @@ def missions() -> dict[str, Path]:
     return _files(_folder())
 
 
+def studies() -> dict[str, Path]:
+    """Name -> file of the shipped studies, in the order of their names."""
+    return _files(_folder() / "studies")
+
+
 def robot_models() -> dict[str, Path]:
     """Name -> file of the shipped robot models, in the order of their names."""
     return _files(_folder() / "robots")

@@ -5,11 +5,12 @@ This module defines the keys of the file and checks what one sees without readin
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+from mercator_design.config import shipped
 from mercator_design.config.loading import parse, read
 from mercator_design.config.schema import FieldError, FilePath, Length, Name, OneOf, Range, check
 from mercator_design.config.yaml_tree import FromFile
@@ -169,7 +170,7 @@ def plan_of(given: "StudyPlan | Mapping[str, Any] | str | Path") -> StudyPlan:
     if isinstance(given, StudyPlan):
         return given
     if isinstance(given, str | Path):
-        return load_plan(Path(given))
+        return load_plan(given)
     found: Any = parse(
         json.dumps(given), StudyPlan, error=StudyError, label="study", lines=False, defaults={"name": "study"}
     )
@@ -177,13 +178,15 @@ def plan_of(given: "StudyPlan | Mapping[str, Any] | str | Path") -> StudyPlan:
     return plan
 
 
-def load_plan(path: Path) -> StudyPlan:
-    """The plan of a study's file.
+def load_plan(name_or_path: str | Path, overrides: Sequence[str] = ()) -> StudyPlan:
+    """The plan of a study by path, or a shipped one by its name, perhaps with other values of keys.
 
     Raises:
         StudyError: naming file, line and key of each mistake.
+        MissionError: There is no shipped study of that name.
     """
+    path = shipped.find(name_or_path, shipped.studies(), "study")
     defaults = {"name": path.resolve().stem}
-    given: Any = read(path, StudyPlan, error=StudyError, defaults=defaults)
+    given: Any = read(path, StudyPlan, error=StudyError, overrides=overrides, defaults=defaults)
     found: StudyPlan = given
     return found

@@ -57,6 +57,13 @@ class PartOf(click.ParamType):  # type: ignore[type-arg]  # has no argument in c
     is_flag=True,
     help="Run nothing: say what would run, and how long, by a few experiments of each mission.",
 )
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a key of the study, e.g. budgets=[500] or repetitions=3. May be repeated.",
+)
 @EXECUTOR
 @ON_FAILURE
 @PLUGIN
@@ -67,6 +74,7 @@ def run(
     output: Path | None,
     part: Part | None,
     dry_run: bool,
+    overrides: tuple[str, ...],
     jobs: int | None,
     executor_name: str,
     scheduler: str | None,
@@ -75,13 +83,15 @@ def run(
     no_report: bool,
     progress: Mode,
 ) -> None:
-    """Run the races of STUDY, a YAML file, and assess their designs; then write the page, tables and figures.
+    """Run the races of STUDY, and assess their designs; then write the page, tables and figures.
+
+    STUDY is a YAML file, or the name of a shipped study.
 
     Each design is a race in a run folder of its own, below cells/ in the study's folder. The same command resumes a
     study that was interrupted, whatever interrupted it, and runs what is new in its file: repetitions, methods,
     missions, budgets, realities, instances.
     """
-    plan = load_plan(study)
+    plan = load_plan(study, overrides)
     executor = executor_of(executor_name, jobs, scheduler, timeout)
     resolved = checked_study(plan)
     folder = output or Path("studies") / plan.name
@@ -97,7 +107,9 @@ def run(
         on_failure=on_failure,
         reports=not no_report,
         progress=progress,
-        again=shlex.join(["mdesign", "study", str(study), "-o", str(folder)]),
+        again=shlex.join(
+            ["mdesign", "study", str(study), "-o", str(folder), *(word for one in overrides for word in ("--set", one))]
+        ),
     )
 
 

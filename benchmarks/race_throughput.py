@@ -21,10 +21,14 @@ nothing. Scores are drawn, so that configurations are eliminated as in a race.
 
     busy             part of the workers' time in experiments
     asked for        the same without experiments that ran ahead in vain
-    the race itself  part of the time in which it computed: workers that have ended get nothing then
+    the race itself  part of the time in which it computed: workers that have ended get nothing then; proposals, which
+                     another thread makes meanwhile, not counted
+
+With --milliseconds only these, of experiments of such durations, with a standard deviation of 15 %.
 
 Run: python benchmarks/race_throughput.py [--missions foraging aggregation aggregation_20] [--budget 3000] [--small 500]
          [--methods halving irace ...] [--executors threads processes dask] [--jobs 1 2] [--workers 16 64]
+         [--milliseconds 5 20 60]
 """
 
 import argparse
@@ -243,6 +247,11 @@ class Throughput(NamedTuple):
     durations: list[float]  # CPU seconds of its experiments
 
 
+SIMULATED_HEAD = (
+    "| mission | method | simulated workers | experiments / s | busy | asked for | the race itself |\n"
+    + "|---" * 7
+    + "|"
+)
 HEAD = "| mission | method | executor | jobs | experiments / s | ms | compiled | of limit | idle | free | ran ahead |"
 
 
@@ -280,7 +289,7 @@ def measure(mission: str, method: str, kind: str, jobs: int, budget: int) -> Thr
 
 
 def simulate_workers(mission: str, method: str, workers: int, budget: int, durations: Sequence[float]) -> None:
-    """Print how busy many workers would be in a race whose experiments take durations that were measured."""
+    """Print how busy many workers would be in a race whose experiments take such durations."""
 
     def draw(item: int) -> tuple[float, Measurement]:
         random = np.random.default_rng(item)
@@ -289,7 +298,10 @@ def simulate_workers(mission: str, method: str, workers: int, budget: int, durat
     problem = Drawn(method, budget)
     executor = VirtualExecutor(workers, draw, thinking=time.thread_time)
     start = executor.now
-    asked = len(RaceRun(problem, executor).finish().finished)
+    gc.freeze()  # as `mdesign race` does
+    with executor:
+        asked = len(RaceRun(problem, executor).finish().finished)
+    gc.unfreeze()
     wall = executor.now - start
     share = executor.busy / (workers * wall)
     used = asked / len(executor.durations)
@@ -307,6 +319,9 @@ def main() -> None:
     parser.add_argument("--executors", nargs="+", choices=EXECUTORS, default=list(EXECUTORS))
     parser.add_argument("--jobs", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--workers", nargs="*", type=int, default=[16, 64])
+    parser.add_argument(
+        "--milliseconds", nargs="*", type=float, help="measure no race, but simulate workers of such experiments"
+    )
     parser.add_argument("--budget", type=int, default=3000)
     parser.add_argument("--small", type=int, default=500, help="the budget of missions of more than 10 robots")
     given = parser.parse_args()
@@ -314,6 +329,14 @@ def main() -> None:
     def budget_of(mission: str) -> int:
         return int(given.small if load_mission(mission).robots > 10 else given.budget)
 
+    if given.milliseconds:
+        print(SIMULATED_HEAD)
+        for milliseconds in given.milliseconds:
+            durations = milliseconds / 1e3 * np.random.default_rng(1).normal(1.0, 0.15, size=1000).clip(0.1)
+            for method in given.methods:
+                for workers in given.workers:
+                    simulate_workers(f"{milliseconds:g} ms", method, workers, given.budget, durations.tolist())
+        return
     first = given.methods[0]
     measured = {}
     print(f"{HEAD}\n{'|---' * (HEAD.count('|') - 1)}|")
@@ -329,8 +352,7 @@ def main() -> None:
             ratio = more.rate / more.free / (one.rate / one.free)
             print(f"* {mission}, {method}, {kind}: {many} jobs are {ratio:.2f} times as fast as {few}")
     if given.workers:
-        print("\n| mission | method | simulated workers | experiments / s | busy | asked for | the race itself |")
-        print("|---" * 7 + "|")
+        print(f"\n{SIMULATED_HEAD}")
     for mission in given.missions:
         durations = measured[mission, first, given.executors[0], few].durations
         for method in given.methods:

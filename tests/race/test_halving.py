@@ -251,6 +251,33 @@ class TestLookahead:
         assert named > 100
         assert came > 0.6 * named
 
+    def test_with_costs_of_the_batch_more_of_it_comes(self):
+        """Three quarters of each batch are known; those that are not may go on, too."""
+        race, named, came, asked = Halving(MIXED, budget=600, seed=1), 0, 0, 0
+        expected = set()
+        while batch := race.ask():
+            new = {*batch} & expected
+            came, asked = came + len(new), asked + len(batch) * bool(expected)
+            costs = [mixed_cost(race.configurations[e.configuration]) + noise(0, e) for e in batch]
+            known = dict(list(zip(batch, costs, strict=True))[: 3 * len(batch) // 4])
+            likely = race.lookahead(1000, known)
+            assert len({*likely}) == len(likely) <= race.budget - race.used - len(batch)
+            next_instances = {min(e.instance for e in likely)} if likely else set()
+            expected = {e for e in likely if e.instance in next_instances}
+            named += len(expected)
+            race.tell(costs)
+        assert came > 0.6 * named
+        assert came > 0.4 * asked
+
+    def test_it_names_nobody_who_was_rejected(self):
+        race = Halving(MIXED, budget=200, seed=1)
+        batch = race.ask()
+        known = {one: float("inf") if place % 2 else 1.0 * place for place, one in enumerate(batch)}
+        rejected = {one.configuration for one, cost in known.items() if cost == float("inf")}
+        likely = race.lookahead(100, known)
+        assert likely
+        assert not rejected & {one.configuration for one in likely}
+
     def test_it_stays_within_the_budget(self):
         for budget in range(20, 120, 7):
             options = HalvingOptions(surrogate=0, confirmation=0)

@@ -35,6 +35,30 @@ def test_simulated_workers_wait_while_the_caller_thinks():
     assert (executor.now, executor.busy, executor.thought) == (5.5, 3.0, 4.5)
 
 
+def test_workers_go_on_while_another_thread_proposes():
+    """It takes 5 s of its own, of which what is upcoming takes 2."""
+
+    class Slow(Drawn):
+        def __init__(self):
+            super().__init__("halving", 100)
+            asks = self.optimizer.ask
+
+            def ask():
+                thinking.now += 5.0 * (self.optimizer.upcoming is not None)
+                return asks()
+
+            self.optimizer.ask = ask
+
+    thinking, problem = Thinking(), Slow()
+    executor = VirtualExecutor(100, lambda item: (2.0, Measurement(item % 97 / 7, "")), thinking=thinking)
+    with executor:
+        RaceRun(problem, executor).finish()
+    n_proposals = thinking.now / 5.0
+    assert n_proposals > 1
+    assert executor.thought == 0.0
+    assert executor.now > 5.0 * n_proposals
+
+
 def test_items_that_are_not_known_yet_are_asked_for_again():
     def items():
         yield 1.0

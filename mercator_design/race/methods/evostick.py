@@ -113,7 +113,7 @@ class EvoStick(Optimizer):
         self._coming: list[Experiment] = []
         self._n_seen = 0  # instances
 
-    def lookahead(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int, known: Mapping[Experiment, float] | None = None) -> list[Experiment]:  # noqa: ARG002
         alive = {*self._alive}
         return list(islice((one for one in self._coming if one.configuration in alive), n))
 

@@ -97,6 +97,31 @@ def _expected(costs: Sequence[Mapping[int, float]]) -> Floats:
     return expected(known[:, ~np.isnan(known).all(axis=0)])
 
 
+def _in_likely_order(known: Mapping[Experiment, float], before: Sequence[int]) -> list[int]:
+    """Sort configurations by what is known of a batch: in a hundredth of the time of `by_expectation`, and nearly so.
+
+    A configuration counts by its mean difference from others on the same instances, and by its rank before.
+
+    Args:
+        known: Costs of some experiments.
+        before: Configurations with earlier results, the best first; all of the batch, or none counts by its rank.
+    """
+    of_instance: dict[int, list[float]] = {}
+    for one, cost in known.items():
+        if cost != math.inf:
+            of_instance.setdefault(one.instance, []).append(cost)
+    means = {instance: sum(costs) / len(costs) for instance, costs in of_instance.items()}
+    differences: dict[int, list[float]] = {}
+    for one, cost in known.items():
+        differences.setdefault(one.configuration, []).append(cost - means.get(one.instance, 0.0))
+    values = {number: sum(own) / len(own) for number, own in differences.items() if math.inf not in own}
+    ranked = sorted(values, key=values.__getitem__)
+    place = {number: k for k, number in enumerate(before)}
+    if not differences.keys() <= place.keys():
+        return ranked
+    return sorted(ranked, key={number: k + place[number] for k, number in enumerate(ranked)}.__getitem__)
+
+
 class _Rung(NamedTuple):
     """A step of a generation: so many configurations run on new instances, and the worse half is dropped."""
 
@@ -142,19 +167,35 @@ class Halving(Optimizer):
             raise RaceError(f"budget: expected at least {MIN_BUDGET} experiments, found {budget}")
         self._initial = self._checked(initial)
         self._newcomers = Newcomers(space, self.history, structure=self.options.structure)
-        self._next = _Rung(0, 0)  # what comes after the current rung
+        self._coming: list[_Rung] = []  # what comes after the current batch
         self._n_seen = 0  # instances
 
     @property
     def may_run_again(self) -> set[int]:
         return set(self.history.former_elites)
 
-    def lookahead(self, n: int) -> list[Experiment]:
-        """On the next instances, those that would go on by the order before the current batch."""
-        likely = [number for number in self._alive if self.history.costs[number]][: self._next.n]
-        instances = range(self._n_seen, self._n_seen + self._next.n_instances)
-        experiments = [Experiment(number, instance) for instance in instances for number in likely]
-        return experiments[: min(n, self.budget - self.used - len(self._batch or []))]
+    def lookahead(self, n: int, known: Mapping[Experiment, float] | None = None) -> list[Experiment]:
+        """On the next instances, those that would go on by the order of the costs so far.
+
+        If costs of the current batch are given, they count. Then also those that have none yet, as some of them will go
+        on, and what would come after that.
+        """
+        ranked = [number for number in self._alive if self.history.costs[number]]
+        coming, open_yet = self._coming[:1], list[int]()
+        if known is not None:
+            batch = self._batch or []
+            ranked, coming = _in_likely_order(known, ranked), self._coming
+            has_cost = {one.configuration for one in known}
+            open_yet = [one for one in dict.fromkeys(e.configuration for e in batch) if one not in has_cost]
+        likely: list[Experiment] = []
+        first = self._n_seen
+        for rung in coming:
+            instances = range(first, first + rung.n_instances)
+            sure = math.ceil(rung.n * len(ranked) / max(len(ranked) + len(open_yet), 1))
+            numbers = [*ranked[:sure], *open_yet, *ranked[sure : rung.n]]
+            likely += [Experiment(number, instance) for number in numbers for instance in instances]
+            first, open_yet = first + rung.n_instances, []
+        return likely[: max(min(n, self.budget - self.used - len(self._batch or [])), 0)]
 
     def _run(self) -> Batches:
         reserved = int(self.options.confirmation * (self.budget - self.used))
@@ -225,13 +266,14 @@ class Halving(Optimizer):
         first, before = self._n_seen, self.used
         self._alive = [*elites, *newcomers]
         n = len(self._alive)
-        for rung, after in pairwise(self._rungs(n)):
-            self._next = after
+        rungs = self._rungs(n)
+        for place, (rung, after) in enumerate(pairwise(rungs), start=1):
+            self._coming = rungs[place:]
             yield self._on_new_instances(self._alive, rung.n_instances)
             ranked = by_expectation(self.history, self._alive) or self._all_ranked()
             self._alive = ranked[: after.n]
             self._best = self.history.statistics(ranked[0])
-        survivors, self._alive, self._best = self._alive, [], None
+        survivors, self._alive, self._best, self._coming = self._alive, [], None, []
         summary = IterationSummary(
             iteration=self.iteration,
             budget=self._n_experiments(n),
@@ -263,9 +305,13 @@ class Halving(Optimizer):
         first, before = self._n_seen, self.used
         while n_alive > 1 and (left := self.budget - self.used) > 1:
             alive = order[: min(n_alive, left)]
-            yield self._on_new_instances(alive, max(left // (len(alive) * math.ceil(math.log2(len(alive)))), 1))
+            n_instances = max(left // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
+            n_next = math.ceil(len(alive) / 2)
+            self._coming = [_Rung(n_next, math.ceil(n_instances * len(alive) / n_next))] if n_next > 1 else []
+            yield self._on_new_instances(alive, n_instances)
             order = by_expectation(self.history, alive) + order[len(alive) :] or self._all_ranked()
             n_alive = min(math.ceil(len(alive) / 2), len(order))
+        self._coming = []
         summary = IterationSummary(
             iteration=self.iteration,
             postselection=True,

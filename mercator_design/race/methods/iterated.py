@@ -96,7 +96,7 @@ class IteratedRace(Optimizer):
         if self._race is not None:
             self._race.revise(costs)
 
-    def lookahead(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int, known: Mapping[Experiment, float] | None = None) -> list[Experiment]:  # noqa: ARG002
         return [] if self._race is None else self._race.lookahead(n)
 
     def extend(self, budget: int) -> None:

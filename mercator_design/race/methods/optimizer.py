@@ -90,8 +90,13 @@ class Optimizer(ABC):
         )
 
     @abstractmethod
-    def lookahead(self, n: int) -> list[Experiment]:
-        """At most n experiments that `ask` will probably give after the current batch."""
+    def lookahead(self, n: int, known: Mapping[Experiment, float] | None = None) -> list[Experiment]:
+        """At most n experiments that `ask` will probably give after the current batch.
+
+        Args:
+            n: Maximum number.
+            known: Costs of experiments of the current batch that have run; a method may do without.
+        """
 
     @property
     def may_run_again(self) -> set[int]:

@@ -120,7 +120,7 @@ class Search(Optimizer):
         self._n_tries = 0  # since the last new configuration
         self._means: dict[int, float] = {}  # of all that have run, as reported to the sampler
 
-    def lookahead(self, n: int) -> list[Experiment]:
+    def lookahead(self, n: int, known: Mapping[Experiment, float] | None = None) -> list[Experiment]:  # noqa: ARG002
         coming = (Experiment(number, instance) for instance in self._instances for number in self._alive)
         return list(islice(coming, n))
 

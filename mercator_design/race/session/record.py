@@ -78,6 +78,11 @@ class Record:
         """Whether the race has ended under the largest budget."""
         return len(self.ends) == len(self.budgets)
 
+    def scores_of(self, batch: Sequence[Experiment], first: int) -> dict[Experiment, float | None]:
+        """The scores of those experiments of a batch that have run; the first of them has this number."""
+        done = ((one, self.experiments.get(first + place)) for place, one in enumerate(batch))
+        return {one: event.score for one, event in done if event is not None}
+
     def new_configurations(
         self, numbers: Iterable[int], values: Sequence[Configuration], parents: Sequence[int | None]
     ) -> list[ConfigurationAdded]:

@@ -111,8 +111,7 @@ class RaceRun(Generic[T]):
 
     def finish(self) -> RaceResult:
         """Run to the end and return the result; raises what iterating raises."""
-        for _ in self:
-            pass
+        deque(self, maxlen=0)
         return self.result
 
     @property
@@ -216,9 +215,12 @@ class RaceRun(Generic[T]):
 
     def _next_speculative(self) -> Experiment | None:
         def lookahead() -> list[Experiment]:
-            return self._optimizer.lookahead(2 * self._executor.jobs) if self.problem.speculates else []
+            known = self._record.scores_of(self._batch, self._n_told) if self.problem.evaluate is None else {}
+            costs = {one: self._cost(score) for one, score in known.items()}
+            return self._optimizer.lookahead(2 * self._executor.jobs, costs) if self.problem.speculates else []
 
-        return self._work.next_likely(lookahead, self._record.speculative)
+        part = 1 - len(self._missing) / max(len(self._batch), 1)
+        return self._work.next_likely(lookahead, self._record.speculative, part)
 
     def _advance(self) -> Iterator[Event]:
         """Tell the race its costs and ask for the next batch, until an experiment has to run or the race has ended."""
@@ -282,8 +284,7 @@ class RaceRun(Generic[T]):
         for ended in self._optimizer.iterations[self._n_iterations :]:
             self._n_iterations += 1
             iteration = IterationEnded.of(ended)
-            known = self._record.iterations.get(ended.iteration)
-            if known is None:
+            if (known := self._record.iterations.get(ended.iteration)) is None:
                 self._note(iteration)
                 continue
             if replace(known, note="") != replace(iteration, note=""):  # another version may write another note
@@ -295,8 +296,7 @@ class RaceRun(Generic[T]):
         self._note_configurations()
         known = self._record.experiments
         for number, experiment in enumerate(self._batch, start=self._n_told):
-            one = known.get(number)
-            if one is None:
+            if (one := known.get(number)) is None:
                 self._missing[experiment] = number
                 continue
             expected = (*experiment, self.problem.seed(experiment.instance), self._optimizer.iteration)
@@ -347,8 +347,7 @@ class RaceRun(Generic[T]):
 
     def _revise(self) -> None:
         """Report to the race the costs that the evaluation of a batch has replaced."""
-        revised = self._record.revised.get(self._n_told)
-        if not revised:
+        if not (revised := self._record.revised.get(self._n_told)):
             return
         instances = set() if self.problem.evaluate is None else {experiment.instance for experiment in self._batch}
         for number, instance in revised:

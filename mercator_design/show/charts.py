@@ -107,7 +107,7 @@ def number(value: float) -> str:
 
 def line_chart(lines: Sequence[ChartLine], x: Axis, y: Axis) -> str:
     """Lines with points, and bands around them."""
-    frame = _Frame(
+    frame = ChartFrame(
         x=x,
         y=y,
         xs=[value for line in lines for value in line.x],
@@ -138,7 +138,7 @@ def line_chart(lines: Sequence[ChartLine], x: Axis, y: Axis) -> str:
 def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> str:
     """Stacked bars, a name below each."""
     sums = [sum(values) for values in zip(*(kind.values for kind in kinds), strict=True)]
-    frame = _Frame(
+    frame = ChartFrame(
         x=x._replace(low=-0.5, high=len(names) - 0.5, categories=tuple(names)),
         y=y,
         ys=[0.0, *sums],
@@ -163,7 +163,7 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     """A row for each value: a dot with its interval, before its single values and the box of their quartiles."""
     left = 14.0 + 7.0 * max(len(unescape(label(row.name))) for row in rows)
     right = 16.0 + 7.0 * max(len(row.remark) for row in rows)
-    frame = _Frame(
+    frame = ChartFrame(
         x=x,
         y=Axis(""),
         xs=[value for row in rows for value in (row.low, row.high, *row.values)],
@@ -279,7 +279,7 @@ def viridis(share: float) -> str:
 
 
 @dataclass(kw_only=True)
-class _Frame:
+class ChartFrame:
     """Axes with their ticks and titles, and the legend above; without an axis at the left if y has no name."""
 
     x: Axis

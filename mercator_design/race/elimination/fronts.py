@@ -53,10 +53,11 @@ def hypervolume(costs: Floats, reference: Floats) -> float:
 
 
 def front_candidates(tables: Sequence[Sequence[Mapping[int, float]]], elites: Iterable[int], limit: int) -> list[int]:
-    """The configurations of a race that may be on the front: elites and other well-tested ones that none dominates.
+    """The configurations of a race that may be on the front: the best of the elites and of others that are well tested.
 
-    They are compared by their expected costs (`additive_model.expected`), as in the race. One after the other is taken,
-    up to the limit, that adds most to the hypervolume within the box of all, scaled to 1, until none adds anything.
+    They are compared by their expected costs (`additive_model.expected`), as in the race. First come those that none
+    dominates, then those that only these dominate, and so on, because chance also decides. Of each such layer, one
+    after the other is taken that adds most to the hypervolume within the box of all, scaled to 1.
 
     Args:
         tables: By each objective, of each configuration its costs by instance.
@@ -73,17 +74,24 @@ def front_candidates(tables: Sequence[Sequence[Mapping[int, float]]], elites: It
     if not known:
         return []
     costs = np.column_stack([_expected([costs[number] for number in known]) for costs in tables])
-    found = np.flatnonzero(nondominated(costs))
-    unit = scaled(costs[found])
-    chosen: list[int] = []
-    volume, reference = 0.0, np.full(unit.shape[1], _BEYOND)
+    left, chosen = np.arange(len(known)), list[int]()
+    while len(chosen) < limit and len(left):
+        is_first = nondominated(costs[left])
+        layer, left = left[is_first], left[~is_first]
+        chosen += layer[_spread(scaled(costs[layer]), limit - len(chosen))].tolist()
+    return [known[k] for k in sorted(chosen, key=lambda k: float(costs[k, 0]))]
+
+
+def _spread(costs: Floats, limit: int) -> list[int]:
+    """Points of a front, one after the other, that add most to its hypervolume, until none adds anything."""
+    chosen, volume, reference = list[int](), 0.0, np.full(costs.shape[1], _BEYOND)
     while len(chosen) < limit:
-        volumes = [hypervolume(unit[[*chosen, k]], reference) for k in range(len(found))]
+        volumes = [hypervolume(costs[[*chosen, k]], reference) for k in range(len(costs))]
         if max(volumes) <= volume + _NO_GAIN:
             break
         volume = max(volumes)
         chosen.append(volumes.index(volume))
-    return [known[found[k]] for k in sorted(chosen, key=lambda k: costs[found[k], 0])]
+    return chosen
 
 
 def scaled(costs: Floats) -> Floats:

@@ -58,7 +58,8 @@ class FrontDesign:
 def front_of(designer: Designer, record: Record) -> list[FrontDesign]:
     """The winner and the candidates for the front, in the order of the first objective, the best first.
 
-    Nothing is returned for a race by one cost, or that has no winner yet.
+    Of designs with equal scores on all instances, only one is returned, as they do the same. Nothing is returned for a
+    race by one cost, or that has no winner yet.
     """
     winner = record.view.leader
     if designer.n_objectives == 1 or winner is None:
@@ -73,6 +74,7 @@ def front_of(designer: Designer, record: Record) -> list[FrontDesign]:
         raced = record.view.results()
         numbers = dict.fromkeys([winner, *_candidates(_tables(designer, record, raced), record.view.iterations)])
         results = {number: [one for one in raced if one.configuration == number and one.scores] for number in numbers}
+    results = _different(results, winner)
     mission = designer.simulator.mission
     ranges = mission.possible_by_objective()
     scores = {
@@ -85,6 +87,16 @@ def front_of(designer: Designer, record: Record) -> list[FrontDesign]:
         for (number, own), is_on in zip(scores.items(), nondominated(costs), strict=True)
     ]
     return [found[k] for k in costs[:, 0].argsort(kind="stable")]
+
+
+def _different(
+    results: Mapping[int, Sequence[ExperimentDone | TestDone]], winner: int
+) -> dict[int, Sequence[ExperimentDone | TestDone]]:
+    """One configuration of each set with equal scores on all instances: the winner, or the first."""
+    found: dict[object, int] = {}
+    for number in sorted(results, key=lambda one: (one != winner, one)):
+        found.setdefault(tuple((one.seed, one.scores) for one in results[number]), number)
+    return {number: results[number] for number in found.values()}
 
 
 def front_csv(designer: Designer, record: Record, designs: Sequence[FrontDesign]) -> str:

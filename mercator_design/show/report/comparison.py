@@ -44,6 +44,9 @@ def verdict(facts: Facts, comparison: WinnerComparison) -> str:
     parts = [f"it is {how} {_listed(group, simple)}" for how, group in groups.items() if group]
     if not parts:
         return "A single fresh instance is too few to compare the winner with others."
+    mission = facts.mission
+    if mission is not None and mission.is_ranked_by_all:
+        return f"By {mission.objective_names[0]} alone, on the same fresh instances, {'; '.join(parts)}."
     return f"On the same fresh instances, {'; '.join(parts)}."
 
 

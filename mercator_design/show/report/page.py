@@ -14,6 +14,7 @@ from mercator_design.show.replay import replay_of
 from mercator_design.show.report.answer import answer
 from mercator_design.show.report.comparison import comparison_part, elites_part
 from mercator_design.show.report.course import course
+from mercator_design.show.report.front import front_part
 from mercator_design.show.report.importance import importance
 from mercator_design.show.report.markup import Html, contents, note
 from mercator_design.show.report.origin import origin
@@ -32,6 +33,7 @@ def report_page(facts: Facts, shown: WinnerRuns, comparison: WinnerComparison | 
     """
     first = answer(facts, comparison, [one.trace for one in shown.experiments])
     last = [
+        front_part(facts),
         comparison_part(facts, comparison, without),
         request(facts),
         course(facts),

@@ -17,7 +17,8 @@ def winner_at_work(facts: Facts, shown: WinnerRuns, replays: Sequence[Replay]) -
         return section("replays", "The winner at work", note(shown.problem) if shown.problem else "")
     tabs = "".join(
         f'<button type="button" aria-pressed="{str(k == 0).lower()}" data-replay="{k}" '
-        f'data-seed="{run.seed}" data-score="{run.score:.6g}">{escaped(run.name)}: {number(run.score)}</button>'
+        f'data-seed="{run.seed}" data-score="{run.score:.6g}">{escaped(run.name)}: '
+        f"{', '.join(map(number, run.scores or [run.score]))}</button>"
         for k, run in enumerate(shown.runs[: len(replays)])
     )
     player = (
@@ -27,6 +28,12 @@ def winner_at_work(facts: Facts, shown: WinnerRuns, replays: Sequence[Replay]) -
     left_out = [run.name for run in shown.runs[len(replays) :]]
     about = f"The page would be too large with the {' and the '.join(left_out)} run, too." if left_out else ""
     assert facts.headline is not None  # noqa: S101 - there are runs of the winner
-    where = note(f"Median, best and worst of its runs {facts.headline.where}.")
+    is_front = bool(shown.runs[0].scores)
+    where = note(
+        "Each design of the front on the same instance: its scores by each objective."
+        if is_front
+        else f"Median, best and worst of its runs {facts.headline.where}."
+    )
     made = facts.command("replay", file=facts.winner_file, options=["--seed", str(shown.runs[0].seed)])
-    return section("replays", "The winner at work", where, Html(player), note(about) if about else "", command=made)
+    title = "The front at work" if is_front else "The winner at work"
+    return section("replays", title, where, Html(player), note(about) if about else "", command=made)

@@ -7,7 +7,7 @@ provenance.json    versions, seed, budget, platform, start of the race
 failed/            the control software of failed experiments, if there are any
 fsm.txt            the winner; its name depends on the task
 results.csv        all configurations of the race, the elites first
-front.csv          of several objectives: the designs tested for the front; front/ has the files of those on it
+front.csv          of several objectives: the designs tested for the front; front-N.txt is configuration N of it
 comparison.json    the winner and others on fresh instances, for the report (results/analysis/comparison.py)
 report.html        the report (show/report/)
 
@@ -236,7 +236,6 @@ class RunFolder:
 
         def write_front() -> None:
             designs = front_of(designer, record)
-            (self.path / "front").mkdir(exist_ok=True)
             names = designer.simulator.mission.objective_names
             for one in designs:
                 if one.is_on_front:

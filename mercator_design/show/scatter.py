@@ -8,7 +8,7 @@ from mercator_design.show.markup import escaped
 
 
 class Spot(NamedTuple):
-    """A point with its errors; its label is drawn beside it."""
+    """A point with its errors; if it is filled, its name is drawn beside it."""
 
     name: str
     x: float
@@ -35,7 +35,7 @@ def scatter_chart(spots: Sequence[Spot], x: Axis, y: Axis, steps: Sequence[tuple
         ys=[value for one in spots for value in (one.y - one.y_error, one.y + one.y_error)],
         height=300.0,
     )
-    drawn = []
+    drawn, labelled = list[str](), list[tuple[float, float]]()
     if len(steps) > 1:
         path = "L".join(f"{a:.1f} {b:.1f}" for a, b in (frame.at(*corner) for corner in steps))
         drawn.append(f'<path d="M{path}" fill="none" stroke="var(--faint)" stroke-dasharray="4 3"/>')
@@ -49,13 +49,16 @@ def scatter_chart(spots: Sequence[Spot], x: Axis, y: Axis, steps: Sequence[tuple
         told = f"{one.name}: {x.name} {number(one.x)} ± {number(one.x_error)}, "
         told += f"{y.name} {number(one.y)} ± {number(one.y_error)}"
         fill = colour if one.is_filled else "none"
-        is_at_end = cx > end - 12.0 - 7.0 * len(one.name)
-        place = f'x="{cx - 8:.1f}" text-anchor="end"' if is_at_end else f'x="{cx + 8:.1f}"'
-        drawn += [
+        drawn.append(
             f'<g data-name="{escaped(one.name)}" data-x="{one.x:.6g}" data-y="{one.y:.6g}"><title>{escaped(told)}'
             f'</title><path d="M{left:.1f} {cy:.1f}H{right:.1f}M{cx:.1f} {low:.1f}V{high:.1f}" stroke="{colour}" '
             f'stroke-width="1.5" fill="none"/><circle cx="{cx:.1f}" cy="{cy:.1f}" r="4.5" fill="{fill}" '
-            f'stroke="{colour}" stroke-width="1.5"/></g>',
-            f'<text class="tick" {place} y="{cy - 7:.1f}">{escaped(one.name)}</text>',
-        ]
+            f'stroke="{colour}" stroke-width="1.5"/></g>'
+        )
+        if one.is_filled:
+            width = 8.0 + 7.0 * len(one.name)
+            place = f'x="{cx - 8:.1f}" text-anchor="end"' if cx > end - width else f'x="{cx + 8:.1f}"'
+            is_free = all(abs(cx - a) > width or abs(cy - 7.0 - b) > 12.0 for a, b in labelled)
+            labelled.append((cx, cy - 7.0 if is_free else cy + 16.0))
+            drawn.append(f'<text class="tick" {place} y="{labelled[-1][1]:.1f}">{escaped(one.name)}</text>')
     return frame.svg(drawn)

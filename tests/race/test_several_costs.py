@@ -193,9 +193,9 @@ class TestFronts:
             [{0: 0.0}, {0: 5.0}, dict.fromkeys(range(5), 2.5), {0: 9.0}, {0: float("inf")}, {}],
             [{0: 5.0}, {0: 0.0}, dict.fromkeys(range(5), 2.0), {0: 9.0}, {0: float("inf")}, {}],
         ]
-        assert front_candidates(costs, [0, 1, 3, 4, 5], 9) == [0, 2, 1]
+        assert front_candidates(costs, [0, 1, 3, 4, 5], 9) == [0, 2, 1, 3]  # the next layer, too
+        assert front_candidates(costs, [0, 1, 3, 4, 5], 3) == [0, 2, 1]
         assert front_candidates(costs, [0], 9) == [0, 2]  # a single result is too few without being an elite
-        assert len(front_candidates(costs, [0, 1], 2)) == 2
         assert front_candidates([[{}], [{}]], [], 9) == []
         assert scaled(np.array([[1.0, 3.0], [3.0, 3.0]])).tolist() == [[0.0, 0.0], [1.0, 0.0]]
 

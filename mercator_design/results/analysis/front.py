@@ -52,7 +52,7 @@ class FrontDesign:
     @property
     def file(self) -> str:
         """Its file in the run folder, if it is on the front."""
-        return f"front/fsm-{self.configuration}.txt"
+        return f"front-{self.configuration}.txt"
 
 
 def front_of(designer: Designer, record: Record) -> list[FrontDesign]:

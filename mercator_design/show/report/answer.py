@@ -13,6 +13,7 @@ from mercator_design.modules.words import module_words, robots_words
 from mercator_design.network.network import Network
 from mercator_design.race.elimination.summary import CONFIDENCE, Headline
 from mercator_design.results.analysis.comparison import WinnerComparison
+from mercator_design.results.analysis.front import front_of
 from mercator_design.results.analysis.occupancy import occupancy
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import number
@@ -52,8 +53,20 @@ def _score(facts: Facts, headline: Headline, comparison: WinnerComparison | None
         f'<p class="score" {data}><strong>{number(scores.mean)}</strong> '
         f"<span>{scores.possible.limit.strip()} {headline.where}{around}</span></p>"
         + note(f"Mean {facts.score_name}. {words}")
+        + _by_objective(facts)
         + ("" if comparison is None else note(verdict(facts, comparison)))
     )
+
+
+def _by_objective(facts: Facts) -> Html:
+    """The winner's figures by each of several objectives."""
+    designs = [] if facts.designer is None else front_of(facts.designer, facts.record)
+    own = next((one for one in designs if one.configuration == facts.best), None)
+    if own is None or facts.mission is None:
+        return Html()
+    figures = zip(facts.mission.objective_names, own.means, own.errors, strict=True)
+    each = ", ".join(f"{name} {number(mean)} ± {error:.2g}" for name, mean, error in figures)
+    return note(f"By each objective, mean ± standard error: {each}.")
 
 
 def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
@@ -72,7 +85,8 @@ def _software(facts: Facts, best: int, traces: Sequence[Trace]) -> Html:
     if facts.mission is not None and "neighbours" in pfsm.reads:
         caption += f" {robots_words(facts.mission.robots)}"
     if traces:
-        caption += f" Shares of time and rates are those of the {len(traces)} replays below."
+        replays = "the winner's replay" if len(traces) == 1 else f"the {len(traces)} replays"
+        caption += f" Shares of time and rates are those of {replays} below."
     measured = occupancy(traces, len(pfsm.states)) if traces else None
     diagram = figure(diagram_svg(pfsm, measured=measured), caption)
     return Html(diagram + _words(facts, pfsm) + command(to_text(pfsm), "winner"))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from importlib.resources import files
+from itertools import compress
 
 from mercator_design.errors import excerpt
 from mercator_design.results.analysis.comparison import WinnerComparison
@@ -31,9 +32,10 @@ def report_page(facts: Facts, shown: WinnerRuns, comparison: WinnerComparison | 
 
     The comparison is that of the winner with others on fresh instances; `without` says why there is none.
     """
-    first = answer(facts, comparison, [one.trace for one in shown.experiments])
+    of_winner = [run.configuration == facts.best for run in shown.runs]
+    traces = [one.trace for one in compress(shown.experiments, of_winner)]
+    first = Html(answer(facts, comparison, traces) + front_part(facts))
     last = [
-        front_part(facts),
         comparison_part(facts, comparison, without),
         request(facts),
         course(facts),

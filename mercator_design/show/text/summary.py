@@ -150,7 +150,7 @@ def front_lines(designer: Designer, record: Record) -> list[str]:
         rows.append((one.configuration, *figures, "winner" if one.configuration == record.view.winner else ""))
     where = "on fresh instances" if designs[0].is_fresh else "in the race, optimistic"
     lines = (f"           {line}" for line in aligned(rows))
-    return [f"Front      {where}, mean ± standard error; files in front/:", *lines]
+    return [f"Front      {where}, mean ± standard error; files front-N.txt:", *lines]
 
 
 def test_lines(view: RaceView, tests: Mapping[int, Scores]) -> list[str]:

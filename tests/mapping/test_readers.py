@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import random
 import zipfile
 
@@ -482,5 +483,8 @@ class TestAnyFile:
         (tmp_path / "x.txt").write_bytes(data)
         with pytest.raises(MercatorError, match=r"x\.txt: expected a log with turns of a lidar: of mercator-robot, "):
             read_logs([tmp_path / "x.txt"])
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(MercatorError, match="pipe: expected a log, found a folder, device or pipe"):
+            read_logs([tmp_path / "pipe"])
         with pytest.raises(MercatorError, match=r"none\.txt: cannot be read: No such file"):
             read_logs([tmp_path / "none.txt"])

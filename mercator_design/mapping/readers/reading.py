@@ -107,6 +107,8 @@ def _read(path: Path, lidar: LidarOptions) -> list[RobotLog]:
         return read_bag(path, lidar.pose, lidar.topics)
     if path.suffix.lower() == SUFFIX:
         return read_trace_logs(path, lidar.pose)
+    if path.exists() and not path.is_file():  # opening a pipe would wait
+        raise MercatorError(f"{path}: expected a log, found a folder, device or pipe")
     try:
         with path.open("rb") as file:
             beginning = file.read(_BEGINNING)

@@ -1,9 +1,10 @@
 """Writes maps to a folder."""
 
+import contextlib
 import itertools
 import json
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mercator_design.show.maps.page import REPORT, page_of
 from mercator_design.show.maps.picture import picture_of
 from mercator_design.show.maps.summary import figures
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.system.files import write_bytes, write_text
+from mercator_design.system.files import replacing
 
 SUMMARY = "summary.json"
 
@@ -47,21 +48,35 @@ def write_maps(
     Raises:
         OSError: A file cannot be written.
     """
+    pictures = [picture_of(plan, caption) for plan in plans]
+    contents: dict[Path, bytes] = {}
+    for number, (plan, picture) in enumerate(zip(plans, pictures, strict=True)):
+        contents |= _contents(folder, number, plan, picture, {path.stem.lower() for path in contents})
+    found = figures(plans, messages, [*contents, folder / REPORT, folder / SUMMARY], seed)
+    page = page_of(plans, found, pictures, load_robot_model(_ROBOT_MODEL), caption)
+    contents |= {folder / REPORT: page.encode(), folder / SUMMARY: f"{json.dumps(found, indent=1)}\n".encode()}
+    is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     before = _written_before(folder)
-    pictures = [picture_of(plan, caption) for plan in plans]
-    taken: set[str] = set()
-    files = [
-        file
-        for number, (plan, picture) in enumerate(zip(plans, pictures, strict=True))
-        for file in _write(folder, number, plan, picture, taken)
-    ]
-    found = figures(plans, messages, [*files, folder / REPORT, folder / SUMMARY], seed)
-    write_text(folder / REPORT, page_of(plans, found, pictures, load_robot_model(_ROBOT_MODEL), caption))
-    write_text(folder / SUMMARY, json.dumps(found, indent=1) + "\n")
-    for path in before - {*files, folder / REPORT, folder / SUMMARY}:
+    try:
+        _write(contents)
+    except BaseException:
+        if is_new:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
+    for path in before - contents.keys():
         path.unlink(missing_ok=True)
     return found
+
+
+def _write(contents: Mapping[Path, bytes]) -> None:
+    """Write files together: if the disk has no room for one of them, none is replaced."""
+    with contextlib.ExitStack() as stack:
+        for path, data in contents.items():
+            file = stack.enter_context(replacing(path))
+            file.write(data)
+            file.flush()
 
 
 def _written_before(folder: Path) -> set[Path]:
@@ -73,8 +88,8 @@ def _written_before(folder: Path) -> set[Path]:
         return set()
 
 
-def _write(folder: Path, number: int, plan: Plan, picture: bytes, taken: set[str]) -> list[Path]:
-    """Write the files of a map; `taken` are names of ways, in lower case, and receives more."""
+def _contents(folder: Path, number: int, plan: Plan, picture: bytes, taken: set[str]) -> dict[Path, bytes]:
+    """The files of a map; `taken` are the names of others, in lower case and without endings."""
     end = "" if number == 0 else f"-{number + 1}"
     cells = folder / f"map{end}.pgm"
     contents: dict[Path, bytes] = {
@@ -86,12 +101,9 @@ def _write(folder: Path, number: int, plan: Plan, picture: bytes, taken: set[str
         folder / f"surfels{end}.csv": formats.surfels_csv(plan.pieces).encode(),
     }
     for way in plan.ways:
-        name = _file_name(way.name, end, taken)
-        taken.add(name.lower())
+        name = _file_name(way.name, end, taken | {path.stem.lower() for path in contents})
         contents[folder / f"{name}.tum"] = formats.tum_of(way).encode()
-    for path, data in contents.items():
-        write_bytes(path, data)
-    return list(contents)
+    return contents
 
 
 def _file_name(robot: str, end: str, taken: Container[str]) -> str:

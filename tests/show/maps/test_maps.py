@@ -1,6 +1,8 @@
 """Maps in the formats of other programs, and the command that makes them."""
 
+import contextlib
 import csv
+import errno
 import gzip
 import io
 import json
@@ -20,7 +22,7 @@ from mercator_design.mapping.merit.occupancy import distances_to
 from mercator_design.mapping.plan.occupancy import occupancy_of
 from mercator_design.mapping.plan.plans import messages_of, plans_of
 from mercator_design.mapping.swarm import map_swarm
-from mercator_design.show.maps import formats
+from mercator_design.show.maps import folder, formats
 from mercator_design.show.maps.folder import write_maps
 from mercator_design.show.maps.page import growing
 from mercator_design.show.maps.picture import magnification_of
@@ -132,6 +134,26 @@ def test_files_of_an_earlier_map_are_removed_and_no_others(plan, tmp_path):
     write_maps(tmp_path, [plan], [])
     assert [file.name for file in tmp_path.iterdir() if "-2." in file.name] == ["mine-2.tum"]
     assert (tmp_path / "robot-1.tum").exists()
+
+
+def test_a_full_disk_leaves_the_earlier_map_as_it_was(plan, tmp_path, monkeypatch):
+    write_maps(tmp_path / "map", [plan], ["The first one."])
+    before = {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()}
+    real = folder.replacing
+
+    @contextlib.contextmanager
+    def filling_up(path):
+        if path.name == "report.html":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        with real(path) as file:
+            yield file
+
+    monkeypatch.setattr(folder, "replacing", filling_up)
+    for target in ("map", "new"):
+        with pytest.raises(OSError, match="No space left"):
+            write_maps(tmp_path / target, [plan], ["The second one."])
+    assert {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()} == before
+    assert not (tmp_path / "new").exists()
 
 
 def test_names_of_robots_that_differ_little_are_different_files(plan, tmp_path):

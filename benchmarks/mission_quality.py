@@ -3,7 +3,7 @@
 Each winner runs on FRESH instances that no race has; its score is their mean. For each budget and mission: the median
 of the races' scores and their quartiles, and against --against the share of pairs of races in which a method's design
 is the better one (probability of superiority, Vargha and Delaney's A; 0.5: no difference) with its 95 % bootstrap
-interval, and the p of Mann-Whitney's test, corrected by Holm over the missions. Over all missions van Elteren's test
+interval, and the p of the rank-sum test, corrected by Holm over the missions. Over all missions van Elteren's test
 (stratified rank sums). A mission has headroom at a budget if some winner's score, less three of its standard errors,
 is better than the median of --against by more than 5 % of the best one's distance from random configurations. Then,
 what methods without an option are beside the default, and the budget at which the default's median reaches irace's
@@ -35,11 +35,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.race_results import Race, Row, results
-from benchmarks.two_samples import interval_of_share, mann_whitney, share_above, van_elteren
 from mercator_design import seeds
 from mercator_design.api import fresh_instances
 from mercator_design.config import shipped
@@ -51,12 +51,15 @@ from mercator_design.fsm.text import to_text
 from mercator_design.mission_sampler import MissionClass, sample_mission
 from mercator_design.missions.mission import Mission, load_mission, parse_mission
 from mercator_design.race import Configuration
-from mercator_design.race.elimination.statistics import holm
+from mercator_design.race.elimination.summary import ALPHA
+from mercator_design.show.study.verdicts import share_text
 from mercator_design.sim.simulate import Simulator
+from mercator_design.study.statistics.comparison import PairOnMission, compared
+from mercator_design.study.statistics.rank_tests import van_elteren
+from mercator_design.study.table import DESIGN_MODEL, StudyTable
 
 FRESH = 200
 RANDOM = 200
-SIGNIFICANT = 0.05
 HEADROOM = 0.05
 
 
@@ -151,17 +154,28 @@ def problem(name: str) -> MissionProblem:
     return MissionProblem(MISSIONS.get(name) or Shipped(name, "watermelon"))
 
 
-class Comparison(NamedTuple):
-    """A method beside another one on a mission. `share`: of the pairs of races, those in which its design is better."""
-
-    share: float
-    low: float
-    high: float
-    p: float  # by Mann-Whitney's test; in a table of missions corrected by Holm
-
-    @property
-    def share_text(self) -> str:
-        return f"{self.share:.2f} ({self.low:.2f} to {self.high:.2f})"
+def study_of(rows: Sequence[Row]) -> StudyTable:
+    """Results as a study: each race's winner is a design, of which the mean score is known."""
+    problems = list(dict.fromkeys(row["problem"] for row in rows))
+    columns = {
+        "method": [row["method"] for row in rows],
+        "mission": [row["problem"] for row in rows],
+        "robot_model": "the mission's own",
+        "budget": [row["budget"] for row in rows],
+        "repetition": [row["seed"] for row in rows],
+        "seed": [row["seed"] for row in rows],
+        "reality": DESIGN_MODEL,
+        "score": [row["score"] for row in rows],
+        "error": [row["error"] for row in rows],
+        "runs": FRESH,
+    }
+    return StudyTable(
+        name="mission quality",
+        runs=pd.DataFrame(),
+        designs=pd.DataFrame(columns),
+        directions={name: "maximise" if problem(name).is_maximised else "minimise" for name in problems},
+        limits={},
+    )
 
 
 def quartiles_text(values: np.ndarray) -> str:
@@ -176,10 +190,11 @@ class Table:
     """Scores of winners by mission, method and budget; as values to maximise inside."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
-        self.missions = list(dict.fromkeys(row["problem"] for row in rows))
-        self.methods = list(dict.fromkeys(row["method"] for row in rows))
+        self._rows, study = rows, study_of(rows)
+        self.missions = study.missions
+        self.methods = study.levels
         self.budgets = sorted({row["budget"] for row in rows})
-        self._signs = {name: 1 if problem(name).is_maximised else -1 for name in self.missions}
+        self._signs = {name: 1 if study.possible(name).maximise else -1 for name in self.missions}
         self._values: dict[tuple[str, str, int], list[float]] = {}
         for row in rows:
             value = self._signs[row["problem"]] * row["score"]
@@ -207,21 +222,21 @@ class Table:
         median = float(np.median(self.values(mission, method, budget)))
         return float((self._sure[mission] - median) / self._width[mission])
 
-    def compared(self, method: str, other: str, budget: int) -> dict[str, Comparison]:
-        both = [m for m in self.missions if min(len(self.values(m, one, budget)) for one in (method, other)) > 1]
-        if not both:
+    def _rows_of(self, method: str, budget: int) -> list[Row]:
+        return [row for row in self._rows if row["method"] == method and row["budget"] == budget]
+
+    def compared(self, method: str, other: str, budget: int) -> dict[str, PairOnMission]:
+        """What the study of two methods at a budget shows, by mission; nothing if one of both has no races."""
+        both = [self._rows_of(one, budget) for one in (method, other)]
+        if not all(both):
             return {}
-        pairs = [(self.values(m, method, budget), self.values(m, other, budget)) for m in both]
-        ps = holm(np.array([mann_whitney(*pair) for pair in pairs])).tolist()
-        return {
-            m: Comparison(share_above(*pair), *interval_of_share(*pair), p)
-            for m, pair, p in zip(both, pairs, ps, strict=True)
-        }
+        return {pair.block.mission: pair for pair in compared(study_of([*both[0], *both[1]])).pairs}
 
     def pooled(self, method: str, other: str, budget: int) -> float:
+        """The p-value of van Elteren's test."""
         return van_elteren(
-            (self.values(m, method, budget), self.values(m, other, budget))
-            for m in self.compared(method, other, budget)
+            (pair.block.values(method), pair.block.values(other))
+            for pair in self.compared(method, other, budget).values()
         )
 
     def budget_to_reach(self, mission: str, method: str, target: float) -> str:
@@ -255,8 +270,8 @@ def report(table: Table, against: str) -> Iterator[str]:
             cells = [table.cell(mission, against, budget), gap]
             for method in others:
                 one = comparisons[method].get(mission)
-                share = one.share_text if one else ""
-                cells += [table.cell(mission, method, budget), share, f"{one.p:.2g}" if one else ""]
+                share = share_text(one.a) if one else ""
+                cells += [table.cell(mission, method, budget), share, f"{one.p_holm:.2g}" if one else ""]
             yield f"| {mission} | {' | '.join(cells)} |"
         yield ""
         yield from (verdict(table, method, against, budget) for method in others if comparisons[method])
@@ -271,16 +286,16 @@ def report(table: Table, against: str) -> Iterator[str]:
 
 def verdict(table: Table, method: str, other: str, budget: int) -> str:
     found = table.compared(method, other, budget)
-    better = [m for m, one in found.items() if one.share > 0.5 and one.p < SIGNIFICANT]
-    worse = [m for m, one in found.items() if one.share < 0.5 and one.p < SIGNIFICANT]
+    better = [m for m, one in found.items() if one.outcome == "better than"]
+    worse = [m for m, one in found.items() if one.outcome == "worse than"]
     room = [m for m in found if table.gap(m, other, budget) > HEADROOM]
-    higher = sum(one.share > 0.5 for one in found.values())
-    mean = np.mean([one.share for one in found.values()])
+    higher = sum(one.a.value > 0.5 for one in found.values())
+    mean = np.mean([one.a.value for one in found.values()])
     names = f" ({', '.join(worse)})" if worse else ""
     return (
         f"* {method} beside {other} at {budget}: better on {len(better)} of {len(found)} missions "
         f"({len(set(better) & set(room))} of the {len(room)} with headroom), worse on {len(worse)} at "
-        f"{SIGNIFICANT:.0%}{names}; higher ranks on {higher}; "
+        f"{ALPHA:.0%}{names}; higher ranks on {higher}; "
         f"mean share of better designs {mean:.2f}; van Elteren p {table.pooled(method, other, budget):.2g}"
     )
 
@@ -294,9 +309,9 @@ def left_out(table: Table, methods: Sequence[str]) -> Iterator[str]:
         cells = []
         for budget in table.budgets:
             found = table.compared("default", method, budget)
-            better = sum(one.share > 0.5 and one.p < SIGNIFICANT for one in found.values())
-            worse = sum(one.share < 0.5 and one.p < SIGNIFICANT for one in found.values())
-            mean = np.mean([one.share for one in found.values()]) if found else np.nan
+            better = sum(one.outcome == "better than" for one in found.values())
+            worse = sum(one.outcome == "worse than" for one in found.values())
+            mean = np.mean([one.a.value for one in found.values()]) if found else np.nan
             p = table.pooled("default", method, budget)
             cells.append(f"{mean:.2f}, {p:.2g}; better on {better}, worse on {worse} of {len(found)}" if found else "")
         yield f"| {method.removeprefix('no-')} | {' | '.join(cells)} |"

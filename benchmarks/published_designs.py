@@ -18,10 +18,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
-from benchmarks.mission_quality import FRESH, Comparison, MissionProblem, Shipped, quartiles_text
+from benchmarks.mission_quality import FRESH, MissionProblem, Shipped, quartiles_text
 from benchmarks.race_results import Race, results
-from benchmarks.two_samples import interval_of_share, mann_whitney, share_above
 from mercator_design.fsm import parse
+from mercator_design.show.study.verdicts import share_text
+from mercator_design.study.statistics.effects import a_effect
+from mercator_design.study.statistics.rank_tests import rank_sum
 
 PUBLISHED = Path(__file__).parents[1] / "tests" / "data" / "published_fsms.json"
 ROBOT = "mercator-argos"
@@ -67,8 +69,7 @@ def main() -> None:
         cells = [quartiles_text(theirs), quartiles_text(ours)]
         if len(ours) > 1:
             pair = sign * ours, sign * theirs
-            found = Comparison(share_above(*pair), *interval_of_share(*pair), mann_whitney(*pair))
-            cells += [found.share_text, f"{found.p:.2g}"]
+            cells += [share_text(a_effect(*pair)), f"{rank_sum(*pair):.2g}"]
         print(f"| {mission} | {' | '.join(cells)} |")
 
 

@@ -30,11 +30,11 @@ from scipy.stats import mannwhitneyu
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.race_results import Race, Row, results
-from benchmarks.two_samples import share_above
 from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, Space
 from mercator_design.race.elimination.statistics import holm
+from mercator_design.study.statistics.effects import a_measure
 
 SIGNIFICANT = 0.05
 
@@ -141,7 +141,7 @@ def print_verdict(method: str, other: str, regrets: Mapping[tuple[str, str], lis
         return
     pairs = [(regrets[name, method], regrets[name, other]) for name in both]
     p_values = holm(np.array([mannwhitneyu(mine, theirs).pvalue for mine, theirs in pairs])).tolist()
-    above = [share_above(np.array(mine), np.array(theirs)) for mine, theirs in pairs]
+    above = [a_measure(np.array(mine), np.array(theirs)) for mine, theirs in pairs]
     better = [share < 0.5 and p < SIGNIFICANT for share, p in zip(above, p_values, strict=True)]
     worse = [share > 0.5 and p < SIGNIFICANT for share, p in zip(above, p_values, strict=True)]
     lower = sum(share < 0.5 for share in above)

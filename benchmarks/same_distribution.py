@@ -32,7 +32,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from benchmarks.engine import FSM
-from benchmarks.two_samples import FALSE_DISCOVERIES, POWER, mann_whitney, rejected, visible_shift
+from benchmarks.two_samples import FALSE_DISCOVERIES, rejected
 from mercator_design.fsm import Readings, parse
 from mercator_design.jit import jittable
 from mercator_design.missions.mission import load_mission
@@ -44,6 +44,8 @@ from mercator_design.sim.kernels.swarm import Swarm
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Outcome, Simulator
+from mercator_design.study.statistics.power import POWER, visible_shift
+from mercator_design.study.statistics.rank_tests import rank_sum
 
 CHECKED = 4  # experiments in which the robots in the space are counted
 
@@ -194,7 +196,7 @@ def compare(
             for statistic in rows[0]:
                 ours, theirs = (np.array([row[statistic] for row in way]) for way in (rows, other_rows))
                 found.append((f"{name} ({share:.0%})", statistic, ours, theirs))
-                ps += [mann_whitney(ours, theirs), float(ks_2samp(ours, theirs).pvalue)]
+                ps += [rank_sum(ours, theirs), float(ks_2samp(ours, theirs).pvalue)]
     print(
         "| robots (of them in the space) | statistic | engine | without short cuts | apart [sd] | Mann-Whitney | K-S |"
     )

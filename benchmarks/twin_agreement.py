@@ -35,7 +35,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repos
 
 from benchmarks.twin_runs import Plan, RunError, Track, log_of_twin, play, twin_was_late
 from benchmarks.twin_stepped import stepped_run
-from benchmarks.two_samples import POWER, mann_whitney, visible_shift
 from mercator_design.api import evaluate
 from mercator_design.designer import Designer
 from mercator_design.fsm import Pfsm, parse
@@ -49,6 +48,8 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.files import fsm_file_text
+from mercator_design.study.statistics.power import POWER, visible_shift
+from mercator_design.study.statistics.rank_tests import rank_sum
 from mercator_design.system.files import write_text
 from mercator_design.twin.arena import TwinArena
 
@@ -291,7 +292,7 @@ class Comparison:
     @property
     def p(self) -> float:
         """Of the Mann-Whitney test; 1 if there is too little."""
-        return mann_whitney(self.simulated, self.twin) if len(self.twin) else 1.0
+        return rank_sum(self.simulated, self.twin) if len(self.twin) else 1.0
 
     def visible(self, tests: int) -> float:
         """The difference of means that the test finds with probability `POWER`, at `LEVEL` over so many tests."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.argos.scores import Columns, Comparison
-from benchmarks.two_samples import FALSE_DISCOVERIES, POWER
+from benchmarks.two_samples import FALSE_DISCOVERIES
+from mercator_design.study.statistics.power import POWER
 
 WANTED_CORRELATION = 0.97
 RESAMPLES = 2000

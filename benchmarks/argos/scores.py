@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.argos.recordings import RecordingError, mission_and_robot, shipped_with_original
 from benchmarks.argos.repeat import Original
-from benchmarks.two_samples import FALSE_DISCOVERIES, mann_whitney, rejected, visible_shift
+from benchmarks.two_samples import FALSE_DISCOVERIES, rejected
 from mercator_design.config.colours import ColourName, rgb
 from mercator_design.errors import MercatorError
 from mercator_design.fsm import Pfsm, Readings, parse
@@ -35,6 +35,8 @@ from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator
+from mercator_design.study.statistics.power import visible_shift
+from mercator_design.study.statistics.rank_tests import rank_sum
 
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
 MAX_NEIGHBOURS, MAX_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"
@@ -359,7 +361,7 @@ def p_value(name: str, theirs: np.ndarray, ours: np.ndarray) -> float:
     """Of the Mann-Whitney test, to as many digits as are recorded: six of scores, six decimals of statistics."""
     theirs = theirs[np.isfinite(theirs)]
     digits = 5 - math.floor(math.log10(max(1.0, np.abs(theirs).max()))) if name == "score" else 6
-    return mann_whitney(np.round(theirs, digits), np.round(ours, digits))
+    return rank_sum(np.round(theirs, digits), np.round(ours, digits))
 
 
 def visible(comparison: Comparison, tests: int) -> float:

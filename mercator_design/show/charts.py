@@ -176,10 +176,11 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
     for k, row in enumerate(rows):
         y, colour = frame.top + _ROW * (k + 0.5), _colour(row.colour)
         x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
-        faint = 0.5 if row.is_notched else 0.22
+        faint, aside = (0.6, (-5.5, 5.5, -3.0, 3.0)) if row.is_notched else (0.22, (0.0,))
         drawn += [
-            f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity="{faint}"/>'
-            for value in row.values
+            f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y + aside[place % len(aside)]:.1f}" r="2.2" '
+            f'fill="{colour}" fill-opacity="{faint}"/>'
+            for place, value in enumerate(row.values)
         ]
         if row.quartiles is not None:
             lower, median, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)

@@ -1,17 +1,20 @@
 """The benchmark of designs on missions: how it runs races once, compares and reports."""
 
 import json
+import re
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import mannwhitneyu
 
 from benchmarks import mission_quality, published_designs, race_results
 from benchmarks.race_results import Race, fingerprint, results
-from benchmarks.two_samples import interval_of_share, van_elteren
 from mercator_design.race import Space
 from mercator_design.race.space.parameter import real
+from mercator_design.study.statistics.effects import a_measure
+from mercator_design.study.statistics.rank_tests import van_elteren
 
 
 class Near:
@@ -134,20 +137,27 @@ def test_designs_beside_published_ones(near, monkeypatch, capsys):
     assert "[3] | 1.00 (1.00 to 1.00) | 0." in row
 
 
-def test_van_elteren_s_test_is_mann_whitney_s_on_one_problem():
-    random = np.random.default_rng(1)
-    some, others = random.normal(0.5, 1, 30), random.normal(0, 1, 25).round(1)
-    one = mannwhitneyu(some, others, method="asymptotic", use_continuity=False).pvalue
-    assert van_elteren([(some, others)]) == pytest.approx(one)
-    assert van_elteren([(some, others), (others, some)]) == pytest.approx(1.0, abs=0.2)
-    assert van_elteren([(some, others)] * 4) < one**2
-    assert van_elteren([(np.ones(3), np.ones(3))]) == 1.0
-
-
-def test_the_interval_of_a_share_holds_it_as_often_as_it_says():
-    random = np.random.default_rng(2)
-    inside = 0
-    for _ in range(100):
-        low, high = interval_of_share(random.normal(0.5, 1, 20), random.normal(0, 1, 20))
-        inside += low <= 0.638 <= high  # normal distribution function at 0.5 / sqrt(2)
-    assert inside > 75  # of 95 expected; the bootstrap is a little short
+def test_the_rows_that_are_kept_give_the_figures_of_the_documents(monkeypatch):
+    """The mean share and the pooled p of each budget, and the share on each mission."""
+    root = Path(mission_quality.__file__).parents[1]
+    kept = [json.loads(line) for line in (root / "benchmarks" / "mission_quality.jsonl").read_text().splitlines()]
+    text = (root / "docs" / "explanation" / "benchmarks.md").read_text()
+    minimised = {"grid_exploration", "chocolate_spc, 10 robots"}
+    monkeypatch.setattr(mission_quality, "problem", lambda name: SimpleNamespace(is_maximised=name not in minimised))
+    for budget in (500, 2000, 5000):
+        rows = [
+            one
+            for one in kept
+            if (one["problem"] in mission_quality.MISSIONS and one["budget"] == budget and one["seed"] <= 20)
+            and one["method"] in {"default", "irace"}
+        ]
+        pairs = {
+            block.mission: (block.values("default"), block.values("irace"))
+            for block in mission_quality.study_of(rows).blocks()
+        }
+        shares = {mission: a_measure(*pair) for mission, pair in pairs.items()}
+        pooled = f"| {np.mean([*shares.values()]):.2f} | {van_elteren(pairs.values()):.2g} |"
+        assert re.search(rf"^\| {budget} \| \d of \d+ \| 0 {re.escape(pooled)}$", text, re.MULTILINE), pooled
+        table = text.partition(f"| budget {budget} | `irace` |")[2].partition("\n\n")[0]
+        for mission, share in shares.items():
+            assert re.search(rf"^\| {re.escape(mission)}.*\| {share:.2f} \(", table, re.MULTILINE), mission

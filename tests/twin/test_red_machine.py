@@ -5,12 +5,12 @@ import pytest
 
 from benchmarks.twin_agreement import Case, trace
 from benchmarks.twin_stepped import stepped_run
-from benchmarks.two_samples import mann_whitney
 from mercator_design.config.colours import COLOURS
 from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.conditions import COLOUR_LABELS, colour_label
 from mercator_design.sim.simulate import Simulator
+from mercator_design.study.statistics.rank_tests import rank_sum
 from mercator_design.twin.arena import TwinArena
 from tests.sim.test_labels import SEEK_RED
 
@@ -74,4 +74,4 @@ def test_it_scores_the_same_on_the_twin():
         assert not run.states.any()
         twin.append(objective(trace(what, seed, run.poses)))
     simulated = [what.simulator.run(what.pfsm, seed).score for seed in range(1, 101)]
-    assert mann_whitney(np.array(simulated), np.array(twin)) > 0.05
+    assert rank_sum(np.array(simulated), np.array(twin)) > 0.05

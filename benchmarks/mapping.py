@@ -108,7 +108,7 @@ def arena_row(arena: str, seed: int, duration: float) -> dict[str, Any]:
         "turns": pose_errors(merit.turns),
         "n_keyframes": sum(len(track.keyframes.turns) for track in found.tracks),
         "scales": [round(track.scale, 5) for track in found.tracks],
-        "clocks": [round(float(offset), 5) for offset in found.offsets],
+        "clocks": [round(float(offset), 5) for of_track in found.offsets for offset in of_track if np.isfinite(offset)],
         "lags": [round(track.lag, 5) for track in found.tracks],
         "links": links_of(found),
         "occupancy": occupancy(merit),
@@ -293,7 +293,9 @@ def table(rows: list[dict[str, Any]]) -> str:
         for robots in (1, 3):
             own = [row for row in rows if row["kind"] == "real" and row["log"] == log and row["robots"] == robots]
             if own:
-                near = ", ".join(f"{row['relations']['metres']} m {row['relations']['degrees']}" for row in own)
+                near = ", ".join(
+                    f"{row['relations']['metres']} m {row['relations']['degrees']}, {row['maps']} maps" for row in own
+                )
                 lines.append(f"{log}, {robots} robots, {len(own)} seeds: {near}")
     if windows := [row for row in rows if row["kind"] == "windows"]:
         lines.append(window_counts(windows))

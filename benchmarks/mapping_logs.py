@@ -1,7 +1,6 @@
 """Logs for the benchmark of maps: of simulated arenas, parts of these, and two real ones."""
 
 import functools
-import gzip
 import math
 import os
 from dataclasses import replace
@@ -13,6 +12,7 @@ from mercator_design import seeds
 from mercator_design.fsm import parse
 from mercator_design.mapping.logs import RobotLog, Turn
 from mercator_design.mapping.poses import between, compose, interpolate, inverse
+from mercator_design.mapping.readers.carmen import read_carmen
 from mercator_design.mapping.readers.simulation import simulated_logs
 from mercator_design.missions.mission import Mission, load_mission
 
@@ -83,22 +83,16 @@ def carmen_log(file: Path, seed: int) -> RobotLog:
 
     The scans are a second apart, as their times are rounded, and have no skew.
     """
-    turns: list[Turn] = []
-    poses: list[list[float]] = []
-    with gzip.open(file, "rt") as lines:
-        for line in lines:
-            words = line.split()
-            if words[:1] != ["FLASER"]:
-                continue
-            n = int(words[1])
-            ranges = np.array(words[2 : 2 + n], dtype=float)
-            ranges[ranges > _MAX_RANGE] = 0.0
-            step = math.pi / (2 * (n // 2) if n % 2 else n)
-            beams = np.arange(n, dtype=np.float64)
-            turns.append(Turn(len(turns) + 1e-7 * beams, step * beams - 0.5 * math.pi, ranges))
-            poses.append([float(word) for word in words[2 + n : 5 + n]])
-    truth = np.array(poses)
-    truth[:, 2] = np.unwrap(truth[:, 2])
+    read = read_carmen(file)
+    truth = read.odometry  # that of these files was corrected
+    turns = [
+        Turn(
+            number + 1e-7 * np.arange(len(turn.ranges), dtype=np.float64),
+            turn.angles,
+            np.where(turn.ranges > _MAX_RANGE, 0.0, turn.ranges),
+        )
+        for number, turn in enumerate(read.turns)
+    ]
     times = np.arange(len(turns), dtype=np.float64)
     samples = np.arange(0.0, times[-1] + _SAMPLED, _SAMPLED)
     odometry = interpolate(times, _drifting(truth, seed), samples)

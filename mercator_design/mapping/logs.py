@@ -39,7 +39,7 @@ class RobotLog:
     odometry_times: Floats  # (m,) [s], rising
     odometry: Floats  # (m, 3) [m, m, rad]; the headings are unwrapped
     lidar_pose: Floats = field(default_factory=_no_offset)  # (3,) of the lidar on the robot
-    start: Floats | None = None  # (3,) of the robot in the common frame at the log's first time; None: unknown
+    start: Floats | None = None  # (3,) of the robot in the common frame at the odometry's first time; None: unknown
     truth_times: Floats | None = None  # (k,) [s], rising
     truth: Floats | None = None  # (k, 3) of the robot; the headings are unwrapped
     max_range: float = MAX_RANGE  # [m] of readings that count

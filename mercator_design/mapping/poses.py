@@ -65,6 +65,12 @@ def wrap(angles: Floats) -> Floats:
     return np.asarray(np.arctan2(np.sin(angles), np.cos(angles)))
 
 
+def differ(a: Floats, b: Floats, limits: tuple[float, float]) -> bool:
+    """Whether two poses (3,) are farther apart than limits [m], [rad], in one or the other."""
+    far = math.hypot(a[0] - b[0], a[1] - b[1]) > limits[0]
+    return far or abs(float(wrap(a[2] - b[2]))) > limits[1]
+
+
 def transform(pose: Floats, points: Floats) -> Floats:
     """Points (n, 2) in the frame of a pose (3,), in the frame in which the pose is given."""
     return np.asarray(rotate(float(pose[2]), points) + np.asarray(pose, float)[:2])

@@ -1,5 +1,6 @@
 """From the logs of a swarm to its maps: front end, loop closures, frames between robots, joint refinement."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,7 +37,9 @@ class SwarmMap:
     maps: tuple[
         Numbers, ...
     ]  # of each track: (segments,) the number of its map, the largest first; -1: too short for one
-    offsets: Floats  # (tracks,) [s] by which a robot's clock is ahead of that of the first one in its map
+    offsets: tuple[
+        Floats, ...
+    ]  # of each track: (segments,) [s] its clock is ahead of that of the first one in the map; nan: not known
     furniture: tuple[Flags, ...]  # of each track: (s,) which of its small clusters are furniture
     links: tuple[FrameLink, ...]  # between fragments, also those that were refused
     messages: tuple[str, ...]
@@ -95,8 +98,8 @@ def refined_track(track: Track, generator: np.random.Generator) -> Track:
     for part in fragments(track, min_turns=1):
         result = refine([part], np.zeros((1, 3)), np.zeros(1), generator)
         found[track.keyframes.segments == part.segment] = result.poses[0]
-        scales.append(result.scales[track.log.name])
-    scale = scales[0] if len(scales) == 1 else track.scale
+        scales.append((result.lengths[0], result.scales[0]))
+    scale = max(scales, default=(0.0, track.scale))[1]
     return replace(track.with_keyframes(found), scale=scale)
 
 
@@ -108,12 +111,12 @@ def _needs_loops(track: Track) -> bool:
 
 
 def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Generator, say: Report) -> SwarmMap:
-    number_of = [next(k for k, track in enumerate(tracks) if track.log is part.track.log) for part in joined.parts]
+    number_of = joined.robots
     found = [track.keyframes.poses.copy() for track in tracks]
     without_keyframes: list[tuple[int, int, Floats]] = []
     maps = [np.full(track.n_segments, -1) for track in tracks]
-    offsets: dict[int, float] = {}  # by number of the track; those of its largest map hold
-    scales: dict[str, float] = {}
+    offsets = [np.full(track.n_segments, math.nan) for track in tracks]
+    scales = [(0.0, track.scale) for track in tracks]  # each with the length of the way that tells it
     covariances = [np.zeros((len(track.keyframes.turns), 3, 3)) for track in tracks]
     frames = [np.zeros((track.n_segments, 3, 3)) for track in tracks]
     for number, component in enumerate(joined.components):
@@ -126,6 +129,7 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
             component.frames,
             component.offsets,
             generator,
+            clocks=component.clocks,
             samples=SAMPLES,
             report=_part(say, "keyframes", number, len(joined.components)),
         )
@@ -140,19 +144,19 @@ def _refined(tracks: Sequence[Track], joined: Joined, generator: np.random.Gener
             maps[own][part.segment] = number
             if len(poses) == 0:
                 without_keyframes.append((own, part.segment, compose(frame, place)))
-        for k, offset in zip(component.members, component.offsets, strict=True):
-            offsets.setdefault(number_of[k], float(offset))
-        scales = result.scales | scales
+        for part, k, offset in zip(parts, component.members, component.known_offsets, strict=True):
+            offsets[number_of[k]][part.segment] = offset
+        for k, *scale in zip(component.members, result.lengths, result.scales, strict=True):
+            scales[number_of[k]] = max(scales[number_of[k]], (scale[0], scale[1]))
     changed = [
-        replace(track.with_keyframes(poses), scale=scales.get(track.log.name, track.scale))
-        for track, poses in zip(tracks, found, strict=True)
+        replace(track.with_keyframes(poses), scale=scale)
+        for track, poses, (_, scale) in zip(tracks, found, scales, strict=True)
     ]
     for own, segment, place in without_keyframes:  # a lidar that sees no walls: others saw the robot
         turns = changed[own].segments == segment
         changed[own].poses[turns] = compose(place, changed[own].poses[turns])
-    clocks = np.array([offsets.get(own, 0.0) for own in range(len(tracks))])
     return SwarmMap(
-        *(tuple(changed), tuple(maps), clocks, joined.furniture, joined.links, joined.messages),
+        *(tuple(changed), tuple(maps), tuple(offsets), joined.furniture, joined.links, joined.messages),
         *(tuple(covariances), tuple(frames)),
     )
 
@@ -162,20 +166,17 @@ def _closed(parts: Sequence[Fragment], component: Component, generator: np.rando
     found = list(parts)
     for number, one in enumerate(ROUNDS[1:]):
         if number:
-            result = refine(found, component.frames, component.offsets, generator)
+            result = refine(found, component.frames, component.offsets, generator, clocks=component.clocks)
             found = bent(found, component.frames, np.concatenate(result.poses))
         found = bent(found, component.frames, closed(keyframes_of(found, component.frames), one))
     return found
 
 
 def _given_frame(joined: Joined, members: Sequence[int], result: Refined) -> Floats:
-    """Where the frame of a component stands, so that the first robot with a given start is there."""
+    """Where the frame of a component stands, so that the first robot whose given start is used is there."""
     for k, poses in zip(members, result.poses, strict=True):
         part = joined.parts[k]
-        start = part.track.log.start
-        keyframes = part.track.keyframes
-        if start is not None and part.turns[0] == 0 and len(poses):
-            before = keyframes.poses[keyframes.segments == part.segment][0]
-            first = compose(poses[0], compose(inverse(before), part.poses[0]))
-            return compose(np.asarray(start, float), inverse(first))
+        if k in joined.started and len(poses):
+            first = compose(poses[0], compose(inverse(part.keyframes.poses[0]), part.beginning))
+            return compose(np.asarray(part.track.log.start, float), inverse(first))
     return np.zeros(3)

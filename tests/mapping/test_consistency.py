@@ -96,6 +96,36 @@ def test_clocks_come_from_least_squares_over_pairs():
     assert component.offsets == pytest.approx(clocks, abs=0.004)
 
 
+def test_clocks_without_sightings_are_not_known():
+    (component,) = merged(3, [link(0, 1, offset=0.4), link(1, 2, source="maps")]).components
+    assert component.known_offsets[:2].tolist() == pytest.approx([0.0, 0.4])
+    assert math.isnan(component.known_offsets[2])
+
+
+def test_parts_of_one_robot_have_one_clock():
+    # Parts 1 and 3 are of one robot; part 3 is in a map with others only by its walls.
+    links = [link(0, 1, offset=0.4), link(2, 3, source="maps"), link(0, 2, offset=-0.1)]
+    component = merged(4, links, robots=[0, 1, 2, 1]).components[0]
+    assert component.known_offsets.tolist() == pytest.approx([0.0, 0.4, -0.1, 0.4])
+
+
+def test_clocks_are_tied_by_robots_that_met_in_another_map():
+    components = merged(4, [link(0, 1, offset=0.4), link(2, 3, source="maps")], robots=[0, 1, 0, 1]).components
+    assert [one.known_offsets.tolist() for one in components] == [pytest.approx([0.0, 0.4])] * 2
+
+
+def test_clocks_that_are_one_are_known():
+    (component,) = merged(2, [link(0, 1, source="maps")], is_one_clock=True).components
+    assert component.known_offsets.tolist() == [0.0, 0.0]
+
+
+def test_clocks_of_robots_that_met_are_tied_also_beside_the_first_one():
+    links = [link(0, 1, source="maps"), link(1, 2, offset=0.3)]
+    (component,) = merged(3, links).components
+    assert component.clocks.tolist() == [0, 1, 1]
+    assert component.offsets.tolist() == pytest.approx([0.0, 0.0, 0.3])
+
+
 def test_clocks_that_disagree_are_refused():
     links = [link(0, 1, support=900, offset=0.1), link(1, 2, support=900, offset=0.1), link(0, 2, support=50)]
     merge = merged(3, links)

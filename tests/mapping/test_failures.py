@@ -66,7 +66,7 @@ def test_clocks_that_differ(offset):
     logs = [worlds.drifting_log(ways, k, DODECAGON, 40.0, 1, clock=(0.0, offset)[k]) for k in range(2)]
     found = map_swarm(logs)
     assert found.n_maps == 1
-    assert found.offsets[1] == pytest.approx(offset, abs=0.006)  # in which the robots drive 1.5 mm
+    assert found.offsets[1][0] == pytest.approx(offset, abs=0.006)  # in which the robots drive 1.5 mm
     assert error_of(found).rmse < 0.004
 
 

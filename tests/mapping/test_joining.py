@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mercator_design.mapping.frames import joining
 from mercator_design.mapping.frames.fragment import fragments
 from mercator_design.mapping.frames.joining import join
 from mercator_design.mapping.frames.map_matching import match_maps
@@ -120,15 +121,14 @@ def test_halves_of_a_symmetric_ring_stay_apart():
 
 def with_start(track, error=(0.0, 0.0, 0.0)):
     log = track.log
-    start = interpolate(log.truth_times, log.truth, track.times[:1])[0] + np.array(error)
+    start = interpolate(log.truth_times, log.truth, log.odometry_times[:1])[0] + np.array(error)
     return replace(track, log=replace(log, start=start))
 
 
 def test_given_starts_join_robots_that_never_met():
     tracks = [with_start(blind(track)) for track in tracks_in(worlds.polygon(12, 1.226), [(0.0, 0.0)] * 2)]
     (component,) = join(tracks, clock_search=0.0).components
-    # The start is that of the log's first time, half a turn before the pose of the first turn.
-    assert np.abs(between(worlds.true_frame(tracks, 0, 1), component.frames[1])).max() < 0.06
+    assert np.abs(between(worlds.true_frame(tracks, 0, 1), component.frames[1])).max() < 0.006
 
 
 def test_starts_that_disagree_with_sightings_are_told_and_not_used():
@@ -138,6 +138,47 @@ def test_starts_that_disagree_with_sightings_are_told_and_not_used():
     (component,) = joined.components
     assert np.abs(between(worlds.true_frame(tracks, 0, 1), component.frames[1])).max() < 0.006
     assert "the given starts disagree" in joined.messages[0]
+    assert joined.started == frozenset()
+
+
+def test_a_start_that_most_robots_contradict_is_not_used():
+    tracks = tracks_in(worlds.polygon(12, 1.226), [(0.0, 0.0)] * 3, duration=15.0)
+    joined = join([with_start(track, (0.5 * (k == 0), 0.0, 0.0)) for k, track in enumerate(tracks)], clock_search=0.0)
+    assert len(joined.components) == 1
+    assert joined.started == {1, 2}
+    (refused,) = [link for link in joined.links if link.source == "start"]
+    assert "0.50 m from there" in refused.refusal
+
+
+def test_a_wrong_start_joins_nobody_wrongly():
+    # The first two met, and one of their starts is wrong; which one nobody knows. The third met nobody.
+    first, second = tracks_in(L_ROOM, [(1.2, 0.75)] * 2, duration=15.0)
+    (third,) = tracks_in(L_ROOM, [(1.2, 1.8)], duration=15.0)
+    tracks = [with_start(first, (0.5, 0.0, 0.0)), with_start(second), with_start(third)]
+    joined = join(tracks, clock_search=0.0)
+    assert joined.started == {2}
+    for component in joined.components:
+        for member, frame in zip(component.members, component.frames, strict=True):
+            true = worlds.true_frame(tracks, component.members[0], member)
+            assert np.abs(between(true, frame)).max() < 0.03
+
+
+def test_starts_whose_walls_contradict_each_other_join_nobody():
+    tracks = [blind(track) for track in tracks_in(worlds.polygon(4, 1.5), [(0.0, 0.0)] * 2)]
+    joined = join([with_start(tracks[0]), with_start(tracks[1], (0.6, 0.0, 0.0))], clock_search=0.0)
+    assert len(joined.components) == 2
+    assert joined.started == frozenset()
+    assert "the given starts disagree with what was seen" in joined.messages[0]
+
+
+def test_maps_that_are_not_compared_are_told(monkeypatch):
+    monkeypatch.setattr(joining, "MAX_MAPS", 2)
+    (track,) = tracks_in(worlds.polygon(4, 1.5), [(0.0, 0.0)], duration=3.0)
+    alone = [replace(blind(track), log=replace(track.log, name=f"robot {k}")) for k in range(3)]
+    joined = join(alone, clock_search=0.0)
+    assert len(joined.components) == 3
+    assert "Maps 3 to 3 were not compared: at most 2 maps are." in joined.messages
+    assert not any("too few walls" in message and "3" in message for message in joined.messages)
 
 
 def test_the_order_of_robots_does_not_matter():

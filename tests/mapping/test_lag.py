@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mercator_design.mapping.front import lag
 from mercator_design.mapping.front.lag import lag_of, track_of
 from tests.mapping import analytic
 
@@ -19,3 +20,14 @@ def test_a_robot_that_turns_evenly_tells_nothing():
 
 def test_a_log_without_turns_has_none():
     assert lag_of(analytic.log(seconds=0.0)) == 0.0
+
+
+def test_what_was_found_stays_when_a_later_round_tells_nothing(monkeypatch):
+    told = iter([0.03, None])
+    monkeypatch.setattr(lag, "remaining_lag", lambda track: next(told))
+    assert lag_of(analytic.log(seconds=2.0)) == 0.03
+
+
+def test_a_lag_beyond_all_bounds_is_none(monkeypatch):
+    monkeypatch.setattr(lag, "remaining_lag", lambda track: 0.3)
+    assert lag_of(analytic.log(seconds=2.0)) == 0.0

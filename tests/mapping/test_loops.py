@@ -19,7 +19,7 @@ from tests.mapping import analytic
 def some_field(seed, n=80):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1.5, 1.5, (n, 2))
-    return correlation.field_of(points), points
+    return correlation.likelihood_of(points), points
 
 
 @given(seed=st.integers(0, 1000), row=st.integers(-40, 90), column=st.integers(-40, 90))

@@ -1,7 +1,6 @@
 """Swarms of the simulator, whose lidars skew and whose odometries drift, are mapped from unknown starts."""
 
 import functools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,10 +31,13 @@ def logs_of(arena):
 @pytest.mark.parametrize("arena", [EMPTY, ROOMS, CORRIDOR, "map_hall", "map_dodecagon"])
 def test_the_map_is_right(arena):
     found = map_swarm(logs_of(arena), clock_search=0.0)
-    for pair in links_of(found):
-        if pair["joined"]:
-            assert pair["distance"] < 0.005
-            assert pair["degrees"] < 0.15
+    assert found.n_maps == 1
+    pairs = links_of(found)
+    assert len(pairs) == len(found.tracks) * (len(found.tracks) - 1) // 2
+    for pair in pairs:
+        assert pair["joined"]
+        assert pair["distance"] < 0.005
+        assert pair["degrees"] < 0.15
     merit = merit_of(plans_of(found)[0])
     keyframes, turns = pose_errors(merit.keyframes), pose_errors(merit.turns)
     assert keyframes["rmse"] < 2.0
@@ -73,7 +75,7 @@ def test_clocks_come_back_to_2_ms(offset):
     logs = logs_of(EMPTY)
     found = map_swarm([logs[0], shifted(logs[1], offset), logs[2]])
     assert found.n_maps == 1
-    assert found.offsets == pytest.approx([0.0, offset, 0.0], abs=0.002)
+    assert [float(one[0]) for one in found.offsets] == pytest.approx([0.0, offset, 0.0], abs=0.002)
 
 
 @pytest.mark.parametrize("seconds", [0.04, -0.03])
@@ -97,5 +99,5 @@ def test_a_round_arena_turns_together_at_most():
 def test_the_order_of_robots_does_not_matter():
     logs = logs_of(EMPTY)
     errors = [pose_errors(plans_of(map_swarm(one))[0].ways, only_keyframes=True) for one in (logs, logs[::-1])]
-    assert errors[0]["rmse"] == pytest.approx(errors[1]["rmse"], abs=1.0)
-    assert math.isfinite(errors[0]["rmse"])
+    assert errors[0]["rmse"] < 2.0
+    assert errors[0]["rmse"] == pytest.approx(errors[1]["rmse"], abs=0.3)

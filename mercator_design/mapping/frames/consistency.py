@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.arrays import Floats
+from mercator_design.arrays import Floats, Numbers
 from mercator_design.mapping.frames.links import FrameLink
-from mercator_design.mapping.poses import between, compose, inverse, wrap
+from mercator_design.mapping.loops import graph
+from mercator_design.mapping.poses import compose, inverse, wrap
 
 MAX_DISTANCE, MAX_ANGLE = 0.2, math.radians(3.0)
 """[m], [rad] By which the frames around a cycle of three links may miss; longer ones with the root of their length."""
@@ -30,7 +31,13 @@ class Component(NamedTuple):
 
     members: tuple[int, ...]
     frames: Floats  # (members, 3) of each in that of the first one
-    offsets: Floats  # (members,) [s] of each clock ahead of that of the first one
+    offsets: Floats  # (members,) [s] of each clock ahead of the first one that is tied to it
+    clocks: Numbers  # (members,) the same number for clocks that are tied to each other; 0: to that of the first one
+
+    @property
+    def known_offsets(self) -> Floats:
+        """The offsets (members,) [s] ahead of the clock of the first one; nan where it is not known."""
+        return np.where(self.clocks == 0, self.offsets, math.nan)
 
 
 class Merge(NamedTuple):
@@ -40,10 +47,18 @@ class Merge(NamedTuple):
     links: tuple[FrameLink, ...]  # all of them, with why those that are not used are refused
 
 
-def merged(n: int, links: Sequence[FrameLink]) -> Merge:
+def merged(
+    n: int, links: Sequence[FrameLink], robots: Sequence[int] | None = None, *, is_one_clock: bool = False
+) -> Merge:
     """Join n fragments by their links.
 
     Fragments that no accepted link connects stay in components of their own.
+
+    Args:
+        n: How many fragments there are.
+        links: Between them.
+        robots: (n,) whose fragments they are: those of one robot have one clock; None: all are of different ones.
+        is_one_clock: All robots have one clock.
     """
     checked = list(links)
     while (wrong := _inconsistent(n, checked)) is not None:
@@ -51,7 +66,9 @@ def merged(n: int, links: Sequence[FrameLink]) -> Merge:
             checked[k] = checked[k].refused(reason)
     used = [link for link in checked if link.is_accepted]
     components = sorted(_components(n, used), key=lambda members: (-len(members), members))
-    return Merge(tuple(_solved(members, used) for members in components), tuple(checked))
+    of_robots = list(range(n) if robots is None else robots)
+    clocks = (np.zeros(n), np.zeros(n, np.int64)) if is_one_clock else _clocks(of_robots, used)
+    return Merge(tuple(_solved(members, used, *clocks) for members in components), tuple(checked))
 
 
 def _inconsistent(n: int, links: Sequence[FrameLink]) -> list[tuple[int, str]] | None:
@@ -204,10 +221,17 @@ def _components(n: int, links: Sequence[FrameLink]) -> list[list[int]]:
     return [[i for i in range(n) if label[i] == one] for one in sorted(set(label))]
 
 
-def _solved(members: Sequence[int], links: Sequence[FrameLink]) -> Component:
-    """Frames and clocks with the least squares over all links between the members, weighted by their support.
+def _solved(members: Sequence[int], links: Sequence[FrameLink], clocks: Floats, tied: Numbers) -> Component:
+    """Frames with the least squares over all links between the members, weighted by their support.
 
-    Links by maps have no part where sightings connect the same fragments.
+    Links by maps have no part where sightings connect the same fragments. A radian counts as a metre: the robots see
+    each other at about that distance.
+
+    Args:
+        members: The fragments.
+        links: All that are used.
+        clocks: (fragments,) [s] offsets of all fragments.
+        tied: (fragments,) the clocks that are tied to each other have one number.
     """
     place = {member: k for k, member in enumerate(members)}
     inside = [replace(link, a=place[link.a], b=place[link.b]) for link in links if link.a in place]
@@ -224,14 +248,24 @@ def _solved(members: Sequence[int], links: Sequence[FrameLink]) -> Component:
     edges = [
         link for k, link in enumerate(inside) if k in tree or link.source == "sightings" or of[link.a] != of[link.b]
     ]
-    for _ in range(10 if len(edges) > len(tree) else 0):
-        step = _frame_step(frames, edges)
-        frames[:, :2] += step[:, :2]
-        frames[:, 2] += step[:, 2]
-        if np.abs(step).max() < 1e-9:
-            break
+    if len(edges) > len(tree):
+        frames, _ = graph.optimise(frames, _graph_edges(edges))
     frames[:, 2] = wrap(frames[:, 2])
-    return Component(tuple(members), frames, _clocks(n, [link for link in edges if link.source == "sightings"]))
+    own, labels = clocks[list(members)], tied[list(members)]
+    _, first, numbers = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))  # numbered as they come
+    return Component(tuple(members), frames, own - own[first][numbers], order[numbers])
+
+
+def _graph_edges(links: Sequence[FrameLink]) -> graph.Edges:
+    weights = np.array([max(link.support, 1e-3) for link in links])
+    return graph.Edges(
+        np.array([link.a for link in links]),
+        np.array([link.b for link in links]),
+        np.array([link.frame for link in links]),
+        weights[:, np.newaxis, np.newaxis] * np.eye(3),
+        np.zeros(len(links), np.bool_),
+    )
 
 
 def _outwards(parents: dict[int, tuple[int, int]]) -> list[int]:
@@ -243,42 +277,22 @@ def _outwards(parents: dict[int, tuple[int, int]]) -> list[int]:
     return sorted(parents, key=depth)
 
 
-def _frame_step(frames: Floats, edges: Sequence[FrameLink]) -> Floats:
-    """The step (n, 3) of Gauss and Newton of all frames but the first one, which stays.
+def _clocks(robots: Sequence[int], links: Sequence[FrameLink]) -> tuple[Floats, Numbers]:
+    """Offsets [s] of the clocks of fragments with the least squares over sightings; and which are tied to each other.
 
-    A radian counts as a metre: the robots see each other at about that distance.
+    Of clocks that are not tied, the offsets say nothing.
     """
-    n = len(frames)
-    normal, gradient = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
-    for edge in edges:
-        a, b = frames[edge.a], frames[edge.b]
-        c, s = math.cos(a[2]), math.sin(a[2])
-        found = between(a, b)
-        error = found - edge.frame
-        error[2] = wrap(error[2])
-        to_a = np.array([[-c, -s, found[1]], [s, -c, -found[0]], [0.0, 0.0, -1.0]])
-        to_b = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        weight = max(edge.support, 1e-3)
-        i, j = slice(3 * edge.a, 3 * edge.a + 3), slice(3 * edge.b, 3 * edge.b + 3)
-        normal[i, i] += weight * to_a.T @ to_a
-        normal[i, j] += weight * to_a.T @ to_b
-        normal[j, i] += weight * to_b.T @ to_a
-        normal[j, j] += weight * to_b.T @ to_b
-        gradient[i] -= weight * to_a.T @ error
-        gradient[j] -= weight * to_b.T @ error
-    step = np.zeros((n, 3))
-    step[1:] = np.linalg.solve(normal[3:, 3:], gradient[3:]).reshape(-1, 3)
-    return step
-
-
-def _clocks(n: int, edges: Sequence[FrameLink]) -> Floats:
-    """Offsets (n,) [s] of the clocks with the least squares over the links; 0 where no sightings say anything."""
-    rows = np.zeros((len(edges), n))
+    edges = [link for link in links if link.source == "sightings"]
+    rows = np.zeros((len(edges), max(robots, default=-1) + 1))
     for k, edge in enumerate(edges):
-        rows[k, edge.b], rows[k, edge.a] = 1.0, -1.0
+        rows[k, robots[edge.b]] += 1.0
+        rows[k, robots[edge.a]] -= 1.0
     weights = np.sqrt([max(edge.support, 1e-3) for edge in edges])
-    offsets = np.zeros(n)
-    if n > 1 and edges:
-        found = np.linalg.lstsq(rows[:, 1:] * weights[:, None], weights * [edge.offset for edge in edges], rcond=None)
-        offsets[1:] = found[0]
-    return offsets
+    offsets = np.zeros(rows.shape[1])
+    if edges:
+        offsets = np.linalg.lstsq(rows * weights[:, None], weights * [edge.offset for edge in edges], rcond=None)[0]
+    between_robots = [replace(edge, a=robots[edge.a], b=robots[edge.b]) for edge in edges]
+    tied = np.zeros(rows.shape[1], np.int64)
+    for number, group in enumerate(_components(rows.shape[1], between_robots)):
+        tied[group] = number
+    return offsets[list(robots)], tied[list(robots)]

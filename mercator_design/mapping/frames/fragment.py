@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mercator_design.arrays import Flags, Floats, Numbers
-from mercator_design.mapping.poses import compose, interpolate, inverse, transform, wrap
+from mercator_design.mapping.poses import between, compose, interpolate, inverse, transform, wrap
 from mercator_design.mapping.track import Keyframes, Track
 
 STEP = 0.02
@@ -67,6 +67,14 @@ class Fragment:
         """The same with some of its sightings."""
         times, points, rows = self.sightings.times, self.sightings.points, self.sightings.rows
         return replace(self, sightings=Sightings(times[kept], points[kept], rows[kept]))
+
+    @property
+    def beginning(self) -> Floats:
+        """The robot's pose (3,) at the first time of the log's odometry; of the first fragment of a log."""
+        log = self.track.log
+        at = np.array([log.odometry_times[0], self.track.times[self.turns[0]]])
+        first, turn = interpolate(log.odometry_times, self.track.odometry, at)
+        return compose(self.track.poses[self.turns[0]], between(turn, first))
 
     @property
     def keyframes(self) -> Keyframes:

@@ -15,8 +15,9 @@ from mercator_design.mapping.frames.links import FrameLink, link_by_sightings
 from mercator_design.mapping.frames.map_matching import match_maps
 from mercator_design.mapping.frames.overlap import overlap
 from mercator_design.mapping.frames.persistence import furniture
+from mercator_design.mapping.frames.starts import starts_of
 from mercator_design.mapping.frames.walls import Field, Walls, conflict, field_of, open_share, walls_of, walls_seen
-from mercator_design.mapping.poses import between, compose, inverse
+from mercator_design.mapping.poses import compose, inverse
 from mercator_design.mapping.track import Track
 
 MAX_CONFLICT = 0.15
@@ -25,7 +26,7 @@ MAX_CONFLICT = 0.15
 MAX_OPEN = 0.09
 """Share of the border of a map behind which nobody looked. Of halves of a ring, the wrong answer is the only one."""
 
-_MAX_MAPS = 12
+MAX_MAPS = 12
 """Separate maps that are compared with each other, the largest first."""
 
 
@@ -34,9 +35,11 @@ class Joined:
     """The fragments of a swarm and where they stand."""
 
     parts: tuple[Fragment, ...]
+    robots: tuple[int, ...]  # of each part: the number of its track
     furniture: tuple[Flags, ...]  # of each track: which of its clusters (s,) are furniture
     components: tuple[Component, ...]  # the members are numbers of parts
     links: tuple[FrameLink, ...]
+    started: frozenset[int]  # the parts whose given starts are used
     messages: tuple[str, ...]  # sentences on what was joined and what was not
 
 
@@ -51,22 +54,23 @@ def join(tracks: Sequence[Track], clock_search: float = 3.0, report: Callable[[f
     found = [part for track in tracks for part in fragments(track)]
     standing = [furniture(part) for part in found]
     parts = [part.with_sightings(~flags) for part, flags in zip(found, standing, strict=True)]
-    links = _links_by_sightings(parts, clock_search, report)
-    merge = merged(len(parts), [*links, *_links_by_starts(parts)])
-    merge = _joined_by_maps(parts, merge)
+    maps = _Maps(parts)
+    links = _links_by_sightings(parts, maps, clock_search, report)
+    robots = [next(k for k, track in enumerate(tracks) if track.log is part.track.log) for part in parts]
+    merge_all = functools.partial(merged, len(parts), robots=robots, is_one_clock=clock_search == 0.0)
+    starts = starts_of(parts, merge_all(links).components, lambda link: _checked_by_walls(link, maps))
+    merge = _joined_by_maps(parts, merge_all([*links, *starts.links]), merge_all)
     messages = _messages(parts, merge)
     of_tracks = [np.zeros(len(track.clusters.times), dtype=np.bool_) for track in tracks]
-    for part, flags in zip(found, standing, strict=True):
-        number = next(k for k, track in enumerate(tracks) if track.log is part.track.log)
-        of_tracks[number][part.sightings.rows[flags]] = True
-    return Joined(tuple(parts), tuple(of_tracks), merge.components, merge.links, messages)
+    for part, robot, flags in zip(found, robots, standing, strict=True):
+        of_tracks[robot][part.sightings.rows[flags]] = True
+    return Joined(tuple(parts), tuple(robots), tuple(of_tracks), merge.components, merge.links, starts.used, messages)
 
 
 def _links_by_sightings(
-    parts: Sequence[Fragment], clock_search: float, report: Callable[[float], None] | None
+    parts: Sequence[Fragment], maps: "_Maps", clock_search: float, report: Callable[[float], None] | None
 ) -> list[FrameLink]:
     pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if not parts[a].is_of_robot(parts[b])]
-    maps = _Maps(parts)
     found = []
     for done, (a, b) in enumerate(pairs):
         link = link_by_sightings(a, b, parts, clock_search)
@@ -99,20 +103,6 @@ def _checked_by_walls(link: FrameLink, maps: _Maps) -> FrameLink:
     return link.refused(f"{share:.0%} of the walls that one saw stand where the other one's beams went through")
 
 
-def _links_by_starts(parts: Sequence[Fragment]) -> list[FrameLink]:
-    """Links between the first fragments of the robots whose starts are given."""
-    given = []
-    for number, part in enumerate(parts):
-        start = part.track.log.start
-        if start is not None and len(part.turns) and part.turns[0] == 0:
-            given.append((number, compose(np.asarray(start, float), inverse(part.poses[0]))))
-    return [
-        FrameLink(first, number, between(frame, other), "start", 1.0)
-        for first, frame in given[:1]
-        for number, other in given[1:]
-    ]
-
-
 class _ByMaps(NamedTuple):
     """How two components stand by their maps."""
 
@@ -120,11 +110,11 @@ class _ByMaps(NamedTuple):
     bent: Floats | None = None  # (k, 3) keyframes of the first one and then of the second one, in the first one's frame
 
 
-def _joined_by_maps(parts: list[Fragment], merge: Merge) -> Merge:
+def _joined_by_maps(parts: list[Fragment], merge: Merge, merge_all: Callable[[list[FrameLink]], Merge]) -> Merge:
     """Join components by their maps, the best match first, until none is accepted; changes parts that loops bend."""
     tried: dict[tuple[tuple[int, ...], tuple[int, ...]], _ByMaps] = {}
     while True:
-        pairs = list(combinations(merge.components[:_MAX_MAPS], 2))
+        pairs = list(combinations(merge.components[:MAX_MAPS], 2))
         for first, second in pairs:
             if (first.members, second.members) not in tried:
                 tried[first.members, second.members] = _by_maps(parts, first, second)
@@ -140,7 +130,7 @@ def _joined_by_maps(parts: list[Fragment], merge: Merge) -> Merge:
             at = np.concatenate([first.frames, compose(best.frame, second.frames)])
             for member, part in zip(members, bent([parts[k] for k in members], at, found.bent), strict=True):
                 parts[member] = part
-        merge = merged(len(parts), [*known, best])  # it closes no cycle, so it is used
+        merge = merge_all([*known, best])  # it closes no cycle, so it is used
 
 
 def _by_maps(parts: Sequence[Fragment], first: Component, second: Component) -> _ByMaps:
@@ -183,12 +173,7 @@ def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
             )
         elif link.source == "start" and not link.is_accepted:
             said.append(f"{names}: the given starts disagree with what was seen, so they are not used: {link.refusal}.")
-    for component in merge.components:
-        for member, offset in zip(component.members, component.offsets, strict=True):
-            if abs(offset) > 0.01:
-                first = parts[component.members[0]].name
-                side = "ahead of" if offset > 0.0 else "behind"
-                said.append(f"The clock of {parts[member].name} is {abs(offset):.3f} s {side} that of {first}.")
+    said += _on_clocks(parts, merge)
     if len(merge.components) > 1:
         groups = [", ".join(parts[k].name for k in one.members) for one in merge.components]
         said.append(f"{len(groups)} separate maps: {'; '.join(groups)}.")
@@ -198,9 +183,28 @@ def _messages(parts: Sequence[Fragment], merge: Merge) -> tuple[str, ...]:
                 said += [f"{parts[link.a].name} and {parts[link.b].name} were not joined: {link.refusal}."]
         linked = {(label[link.a], label[link.b]) for link in merge.links}
         linked |= {(b, a) for a, b in linked}
-        for a, b in combinations(range(len(merge.components)), 2):
+        if len(merge.components) > MAX_MAPS:
+            said.append(
+                f"Maps {MAX_MAPS + 1} to {len(merge.components)} were not compared: at most {MAX_MAPS} maps are."
+            )
+        for a, b in combinations(range(min(len(merge.components), MAX_MAPS)), 2):
             if (a, b) not in linked:
                 said.append(
                     f"Maps {a + 1} and {b + 1}: the robots never saw each other, and the maps have too few walls."
                 )
     return tuple(said)
+
+
+def _on_clocks(parts: Sequence[Fragment], merge: Merge) -> list[str]:
+    """Sentences on the clocks of robots that differ from that of the first one in their map, or are not known."""
+    said: dict[str, None] = {}  # once for all parts of a robot
+    for component in merge.components:
+        first = parts[component.members[0]]
+        for member, offset in zip(component.members, component.known_offsets, strict=True):
+            name = parts[member].track.log.name
+            if np.isnan(offset):
+                said[f"How far the clock of {name} is ahead of that of {first.track.log.name} is not known."] = None
+            elif abs(offset) > 0.01 and not parts[member].is_of_robot(first):
+                side = "ahead of" if offset > 0.0 else "behind"
+                said[f"The clock of {name} is {abs(offset):.3f} s {side} that of {first.track.log.name}."] = None
+    return list(said)

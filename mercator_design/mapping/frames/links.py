@@ -13,7 +13,8 @@ import numpy as np
 from mercator_design.arrays import Floats
 from mercator_design.mapping.frames.evidence import Evidence, evidence
 from mercator_design.mapping.frames.fragment import Fragment
-from mercator_design.mapping.frames.voting import FrameFit, candidates, is_distinct, pairs_of, refined
+from mercator_design.mapping.frames.voting import DISTINCT, FrameFit, candidates, pairs_of, refined
+from mercator_design.mapping.poses import differ
 
 MIN_VOTES = 30
 MIN_SHARE = 0.85
@@ -154,7 +155,7 @@ def _distinct_fits(fits: list[FrameFit]) -> list[FrameFit]:
     """
     found: list[FrameFit] = []
     for fit in sorted(fits, key=lambda one: -one.votes):
-        same = [k for k, other in enumerate(found) if not is_distinct(fit.frame, other.frame)]
+        same = [k for k, other in enumerate(found) if not differ(fit.frame, other.frame, DISTINCT)]
         if not same:
             found.append(fit)
         elif fit.votes >= 0.9 * found[same[0]].votes and fit.residual < found[same[0]].residual:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mercator_design.arrays import Floats
 from mercator_design.mapping.frames.walls import CELL, Field, Walls
-from mercator_design.mapping.poses import compose, rotate, wrap
+from mercator_design.mapping.poses import compose, differ, rotate, wrap
 
 MAX_SECOND = 0.80
 """Ratio of the second distinct peak's score to that of the first: wrong ones had 0.87 to 1.00."""
@@ -56,8 +56,8 @@ def match_maps(walls: Walls, field: Field, of_field: Walls) -> MapMatch | None:
     fine = [(_refined(walls, of_field, frame), score) for score, frame in peaks[:6]]
     scored = sorted(((_score(walls, field, frame), tuple(frame)) for frame, _ in fine), reverse=True)
     score, best = scored[0][0], np.array(scored[0][1])
-    rivals = [one for one, frame in scored if _is_distinct(best, np.array(frame))]
-    rivals += [one for one, frame in peaks if _is_distinct(best, frame)][:1]
+    rivals = [one for one, frame in scored if differ(best, np.array(frame), _DISTINCT)]
+    rivals += [one for one, frame in peaks if differ(best, frame, _DISTINCT)][:1]
     second = max([*rivals, 0.0]) / max(score, 1e-9)
     return MapMatch(best, score, second, _refusal(score, second), tuple(frame for _, frame in peaks))
 
@@ -105,7 +105,7 @@ def _peaks(walls: Walls, field: Field) -> list[tuple[float, Floats]]:
     found.sort(key=lambda one: (-one[0], *one[1]))
     distinct: list[tuple[float, Floats]] = []
     for score, frame in found:
-        if all(_is_distinct(frame, other) for _, other in distinct):
+        if all(differ(frame, other, _DISTINCT) for _, other in distinct):
             distinct.append((score, frame))
     return distinct
 
@@ -119,11 +119,6 @@ def _coarser(values: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     padded[: values.shape[0], : values.shape[1]] = values
     blocks = padded.reshape(rows // factor, factor, columns // factor, factor)
     return np.asarray(blocks.max(axis=(1, 3)), dtype=np.float32)
-
-
-def _is_distinct(first: Floats, second: Floats) -> bool:
-    far = math.hypot(first[0] - second[0], first[1] - second[1]) > _DISTINCT[0]
-    return far or abs(float(wrap(first[2] - second[2]))) > _DISTINCT[1]
 
 
 def _score(walls: Walls, field: Field, frame: Floats) -> float:

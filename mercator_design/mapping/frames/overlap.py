@@ -6,7 +6,6 @@ over a wide area, found nearly wherever both robots looked from one place, no wa
 went, and no rival. Arenas are too small for that: of a symmetric one, a part would fit in several ways.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from mercator_design.mapping.frames.walls import conflict, field_of, walls_seen
 from mercator_design.mapping.loops import graph
 from mercator_design.mapping.loops.closures import Round, find_loops, nodes_of
 from mercator_design.mapping.loops.correlation import Window
-from mercator_design.mapping.poses import between, compose, wrap
+from mercator_design.mapping.poses import between, compose, differ, wrap
 from mercator_design.mapping.rigid import fit
 from mercator_design.mapping.track import Keyframes
 
@@ -74,7 +73,7 @@ def overlap(first: Keyframes, second: Keyframes, proposed: Sequence[Floats]) -> 
     for frame in proposed:
         if len(tried) == _TRIED:
             break
-        if any(_is_same(frame, other) for other in tried):
+        if not all(differ(frame, other, _SAME) for other in tried):
             continue
         tried.append(frame)
         one = _followed(first, second, frame)
@@ -83,7 +82,7 @@ def overlap(first: Keyframes, second: Keyframes, proposed: Sequence[Floats]) -> 
     if not found:
         return None
     best = max(found, key=lambda one: (not one.refusal, one.scans))
-    rivals = [one.scans for one in found if _is_rival(one) and not _is_same(one.frame, best.frame)]
+    rivals = [one.scans for one in found if _is_rival(one) and differ(one.frame, best.frame, _SAME)]
     best = best._replace(second=max(rivals, default=0) / best.scans)
     if not best.refusal and best.second > MAX_SECOND:
         return best._replace(refusal=f"in a second frame {best.second:.0%} as many scans fit")
@@ -97,10 +96,6 @@ def reach_of(poses: Floats) -> float:
     centred = poses[:, :2] - poses[:, :2].mean(axis=0)
     axis = np.linalg.eigh(centred.T @ centred)[1][:, 1]
     return float(np.ptp(centred @ axis))
-
-
-def _is_same(a: Floats, b: Floats) -> bool:
-    return math.hypot(a[0] - b[0], a[1] - b[1]) < _SAME[0] and abs(float(wrap(a[2] - b[2]))) < _SAME[1]
 
 
 def _is_rival(one: Overlap) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mercator_design.arrays import Floats
 from mercator_design.jit import compiled, jittable
 from mercator_design.mapping.frames.fragment import STEP, Fragment
-from mercator_design.mapping.poses import compose, transform, wrap
+from mercator_design.mapping.poses import compose, differ, transform, wrap
 
 GATES = (0.4, 0.25, 0.15, 0.10, 0.08)
 """[m] The largest distance of a pair that counts, in the steps of the refinement."""
@@ -22,7 +22,7 @@ _CELL = 0.15
 """[m] Of the histogram of places."""
 _N_ANGLES = 120
 _PEAKS_OF_ANGLE = 3
-_DISTINCT = 0.5, math.radians(20.0)
+DISTINCT = 0.5, math.radians(20.0)
 """[m], [rad] By which distinct frames differ in one or the other."""
 _MAX_CELLS = 4_000_000
 
@@ -73,7 +73,7 @@ def candidates(pairs: Pairs, most: int = 5) -> list[tuple[Floats, int]]:
     angles = -math.pi + 2.0 * math.pi * np.arange(_N_ANGLES) / _N_ANGLES
     peaks = np.zeros((_N_ANGLES, _PEAKS_OF_ANGLE, 3))
     scratch: NDArray[np.int32] = np.zeros((3, rows, columns), dtype=np.int32)
-    suppressed = math.ceil(_DISTINCT[0] / cell)
+    suppressed = math.ceil(DISTINCT[0] / cell)
     compiled(fill_peaks)(pairs.sources, pairs.targets, angles, low, cell, suppressed, scratch, peaks)
     order = sorted(
         ((int(v), float(x), float(y), float(angles[k])) for k in range(_N_ANGLES) for v, x, y in peaks[k] if v > 0),
@@ -82,17 +82,11 @@ def candidates(pairs: Pairs, most: int = 5) -> list[tuple[Floats, int]]:
     found: list[tuple[Floats, int]] = []
     for votes, x, y, angle in order:
         frame = np.array([x, y, angle])
-        if all(is_distinct(frame, other) for other, _ in found):
+        if all(differ(frame, other, DISTINCT) for other, _ in found):
             found.append((frame, votes))
             if len(found) == most:
                 break
     return found
-
-
-def is_distinct(first: Floats, second: Floats) -> bool:
-    """Whether two frames differ by more than a step of the search and its refinement."""
-    far = math.hypot(first[0] - second[0], first[1] - second[1]) > _DISTINCT[0]
-    return far or abs(float(wrap(first[2] - second[2]))) > _DISTINCT[1]
 
 
 def refined(a: Fragment, b: Fragment, frame: Floats, offset: float, *, with_clock: bool) -> FrameFit:

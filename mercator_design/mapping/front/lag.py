@@ -14,6 +14,9 @@ from mercator_design.mapping.front.front_end import FrontEnd
 from mercator_design.mapping.logs import RobotLog
 from mercator_design.mapping.track import Track
 
+MAX_LAG = 0.5
+"""Seconds of lag that can be found; more is another fault."""
+
 _ROUNDS = 5
 _FIRST_TURNS = 300  # that the rounds match; fast turning in them is what is needed
 _SETTLED = 0.001  # [s]
@@ -36,7 +39,10 @@ def track_of(log: RobotLog, scale: float = 1.0, advance: Callable[[int], None] |
 
 
 def lag_of(log: RobotLog, scale: float = 1.0) -> float:
-    """Seconds to add to the times of a lidar; 0 if the log does not tell. Arguments are those of `track_of`."""
+    """Seconds to add to the times of a lidar; 0 if the log does not tell, or they exceed MAX_LAG.
+
+    Arguments are those of `track_of`.
+    """
     if _is_sparse(log):
         return 0.0
     lag, turns = 0.0, _FIRST_TURNS
@@ -46,8 +52,10 @@ def lag_of(log: RobotLog, scale: float = 1.0) -> float:
             turns = len(log.turns)
             continue
         if change is None:
-            return 0.0
+            break
         lag += change
+        if abs(lag) > MAX_LAG:  # no lag of a clock, but something else
+            return 0.0
         if abs(change) < _SETTLED:
             break
     return lag

@@ -42,13 +42,16 @@ _MAX_POINTS = 120
 """Points of a keyframe that are compared with another one."""
 _MIN_SHARE = 0.25
 _SCALE_LIMITS = 0.7, 1.4
+_MIN_DRIVEN = 0.25
+"""[m^2] Sum of the squared steps of a robot that tells its scale."""
 
 
 class Refined(NamedTuple):
     """Poses of keyframes in the frame of the component."""
 
     poses: list[Floats]  # of each part: (k, 3) of its keyframes
-    scales: dict[str, float]  # of each robot, by the name of its log: the factor of its odometry's distances
+    scales: list[float]  # of each part: the factor of its odometry's distances
+    lengths: list[float]  # [m^2] of each part, by which its robot's scale is known: 0 if the robot stands
     pairs: int  # pairs of keyframes that held in the last round
     sightings: int
     motions: Floats  # (samples, sum of k, 3) draws of small motions of the keyframes, as uncertain as they are
@@ -72,6 +75,7 @@ def refine(
     offsets: Floats,
     generator: np.random.Generator,
     *,
+    clocks: Numbers | None = None,
     with_sightings: bool = True,
     rounds: int = ROUNDS,
     samples: int = 0,
@@ -84,17 +88,22 @@ def refine(
         frames: (parts, 3) where they stand.
         offsets: (parts,) [s] of their clocks.
         generator: Draws the pairs.
+        clocks: (parts,) the offsets of two parts are known to each other if these are the same; None: all are.
         with_sightings: Whether sightings of robots count.
         rounds: Each has new pairs.
         samples: How many draws there are of how uncertain the poses are.
         report: Called with the share that is done.
     """
+    tied = np.zeros(len(parts), np.int64) if clocks is None else clocks
     nodes = _nodes(parts, frames)
     poses = nodes.poses.copy()
-    scales = {part.track.log.name: part.track.scale for part in parts}
+    robots = [next(k for k, other in enumerate(parts) if part.is_of_robot(other)) for part in parts]
+    scales, lengths = [part.track.scale for part in parts], [0.0] * len(parts)
     edges, raw = _motions(parts, nodes)
     seen = (
-        sighting_factors(parts, frames, offsets, _keyframe_times(parts)) if with_sightings else SightingFactors.none()
+        sighting_factors(parts, frames, offsets, _keyframe_times(parts), tied)
+        if with_sightings
+        else SightingFactors.none()
     )
     is_sparse = bool(len(raw) and np.median(np.hypot(raw[:, 0], raw[:, 1])) > _SPARSE)
     sigma, wanted = (SPARSE_POINT_SD, SPARSE_NEIGHBOURS) if is_sparse else (POINT_SD, NEIGHBOURS)
@@ -105,12 +114,12 @@ def refine(
         pairs = np.ascontiguousarray(
             np.concatenate([edges, pairs_of_nodes(poses, nodes.parts, wanted, generator)]), dtype=np.int64
         )
-        measured = _scaled(raw, [scales[parts[k].track.log.name] for k in nodes.parts[edges[:, 0]]])
+        measured = _scaled(raw, [scales[k] for k in nodes.parts[edges[:, 0]]])
         for _ in range(STEPS):
             held, equations = _equations(nodes, poses, pairs, edges, measured, seen, gate, scale, sigma)
             poses = compose(poses, solve(poses, *equations))
             poses[:, 2] = wrap(poses[:, 2])
-        scales |= _estimated_scales(parts, nodes, poses, edges, raw)
+        scales, lengths = _estimated_scales(robots, scales, nodes, poses, edges, raw)
         if number == rounds - 1:
             together, information, _ = equations
             motions = sampled(poses, together, information, samples, generator)
@@ -118,7 +127,7 @@ def refine(
             report((number + 1) / rounds)
     ends = np.searchsorted(nodes.parts, np.arange(len(parts) + 1))
     found = [poses[low:high] for low, high in itertools.pairwise(ends)]
-    return Refined(found, scales, held, len(seen.pairs), motions)
+    return Refined(found, scales, lengths, held, len(seen.pairs), motions)
 
 
 def _keyframe_times(parts: Sequence[Fragment]) -> list[Floats]:
@@ -210,14 +219,27 @@ def _equations(
 
 
 def _estimated_scales(
-    parts: Sequence[Fragment], nodes: _Nodes, poses: Floats, edges: Numbers, raw: Floats
-) -> dict[str, float]:
-    """The factors of the odometries' distances that fit the map best; 1 of a robot that stands."""
+    robots: Sequence[int], known: Sequence[float], nodes: _Nodes, poses: Floats, edges: Numbers, raw: Floats
+) -> tuple[list[float], list[float]]:
+    """The factors of the odometries' distances that fit the map best, and the squares of these; of each part.
+
+    Args:
+        robots: The first part of the robot of each part.
+        known: Of each part; a robot that hardly drives keeps it.
+        nodes: The keyframes.
+        poses: (k, 3)
+        edges: (m, 2)
+        raw: (m, 3) motions by odometry.
+    """
     moved = between(poses[edges[:, 1]], poses[edges[:, 0]])
-    found = {}
-    for name in {part.track.log.name for part in parts}:
-        own = np.array([parts[k].track.log.name == name for k in nodes.parts[edges[:, 0]]], dtype=np.bool_)
+    scales, lengths = list(known), [0.0] * len(robots)
+    of_edges = np.array(robots)[nodes.parts[edges[:, 0]]]
+    for robot in sorted(set(robots)):
+        own = of_edges == robot
         length = float(np.sum(raw[own, :2] ** 2))
-        factor = float(np.sum(moved[own, :2] * raw[own, :2])) / length if length > 0.25 else 1.0
-        found[name] = float(np.clip(factor, *_SCALE_LIMITS))
-    return found
+        if length > _MIN_DRIVEN:
+            factor = float(np.clip(float(np.sum(moved[own, :2] * raw[own, :2])) / length, *_SCALE_LIMITS))
+            for k in range(len(robots)):
+                if robots[k] == robot:
+                    scales[k], lengths[k] = factor, length
+    return scales, lengths

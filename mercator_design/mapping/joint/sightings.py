@@ -30,7 +30,7 @@ class SightingFactors(NamedTuple):
 
 
 def sighting_factors(
-    parts: Sequence[Fragment], frames: Floats, offsets: Floats, keyframe_times: Sequence[Floats]
+    parts: Sequence[Fragment], frames: Floats, offsets: Floats, keyframe_times: Sequence[Floats], clocks: Numbers
 ) -> SightingFactors:
     """The sightings of all parts that are explained by another part.
 
@@ -39,6 +39,7 @@ def sighting_factors(
         frames: (parts, 3) where they stand.
         offsets: (parts,) [s] of their clocks.
         keyframe_times: The times of each part's keyframes.
+        clocks: (parts,) the offsets of two parts are known to each other if these are the same.
     """
     starts = np.cumsum([0, *map(len, keyframe_times)])
     found = [SightingFactors.none()]
@@ -47,7 +48,7 @@ def sighting_factors(
         seen = transform(frames[a], part.sightings.points)
         nearest, distance = np.full(len(times), -1), np.full(len(times), _GATE)
         for b, other in enumerate(parts):
-            if other.is_of_robot(part):
+            if other.is_of_robot(part) or clocks[a] != clocks[b]:
                 continue
             place = transform(frames[b], other.at(times + offsets[b] - offsets[a])[:, :2])
             away = np.hypot(*(seen - place).T)

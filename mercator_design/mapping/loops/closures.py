@@ -12,7 +12,7 @@ from mercator_design.mapping import poses
 from mercator_design.mapping.front.matching import Matcher, MatchSearch
 from mercator_design.mapping.front.surfels import SurfelMap
 from mercator_design.mapping.loops import graph
-from mercator_design.mapping.loops.correlation import Window, best_pose, field_of
+from mercator_design.mapping.loops.correlation import Window, best_pose, likelihood_of
 from mercator_design.mapping.track import Keyframes, Track
 
 _AGO = 25  # nodes between a scan and those that it may close a loop with
@@ -160,7 +160,7 @@ class _Submap:
             points, normals = (one.astype(float) for one in keyframes.of(number))
             placed.append(poses.transform(pose, points))
             self._surfels.insert(pose, points, normals, np.zeros(len(points)))
-        self._field = field_of(np.concatenate(placed))
+        self._field = likelihood_of(np.concatenate(placed))
 
     def match(
         self, points: Floats, normals: Floats, guess: Floats, needs: Round, matcher: Matcher

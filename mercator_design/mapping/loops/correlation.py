@@ -142,7 +142,7 @@ def _stencil() -> Levels:
     return np.round(_FULL * np.exp(-0.5 * squares / DEVIATION**2)).astype(np.uint8)
 
 
-def field_of(points: Floats) -> LikelihoodField:
+def likelihood_of(points: Floats) -> LikelihoodField:
     """The field of points (n, 2) [m]."""
     corner = points.min(axis=0) - _MARGIN
     columns, rows = (np.ceil((points.max(axis=0) + _MARGIN - corner) / CELL).astype(int) + 1).tolist()

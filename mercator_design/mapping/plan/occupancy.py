@@ -146,7 +146,8 @@ def occupancy_of(ways: Sequence[Way], resolution: float = RESOLUTION) -> Occupan
 def _unmark_furniture(way: Way, turn: int, scan: Scan) -> None:
     """Let clusters that are furniture count as walls."""
     clusters = way.track.clusters
-    chosen = clusters.points[(clusters.turns == turn) & way.furniture] if way.furniture.any() else clusters.points[:0]
+    own = slice(*np.searchsorted(clusters.turns, [turn, turn + 1]))
+    chosen = clusters.points[own][way.furniture[own]]
     if not len(chosen):
         return
     for x, y, middle, beams in scan.clusters:

@@ -1,6 +1,7 @@
 """The maps of a swarm: for each group of robots in one frame, their ways, cells, pieces of walls and lines."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from mercator_design.mapping.plan.pieces import Looks, lines_of, looks_at, piece
 from mercator_design.mapping.plan.ways import Way, match_all
 from mercator_design.mapping.swarm import Report, SwarmMap
 from mercator_design.mapping.track import Track
+from mercator_design.sim.robot_model import load_robot_model
 
 MIN_LAG = 0.005
 """Seconds of lag of a lidar's times that are worth a message."""
@@ -64,11 +66,13 @@ def _ways(swarm: SwarmMap, number: int) -> list[Way]:
             own = turns[track.segments[turns] == segment]
             name = track.log.name + (f" (part {segment + 1})" if track.n_segments > 1 else "")
             keyframes = np.flatnonzero(track.keyframes.segments == segment)
+            offset = float(swarm.offsets[k][segment])
+            is_known = not math.isnan(offset)
             found.append(
                 Way(
                     *(name, track, own, track.times[own], track.poses[own], np.zeros(len(own))),
                     *(keyframes, swarm.furniture[k], swarm.covariances[k][keyframes]),
-                    *(swarm.frame_covariances[k][segment], float(swarm.offsets[k])),
+                    *(swarm.frame_covariances[k][segment], offset if is_known else 0.0, is_known),
                 )
             )
     return found
@@ -85,7 +89,9 @@ def messages_of(tracks: Sequence[Track]) -> list[str]:
         if not log.turns:
             said.append(f"{name}: its log has no turns of a lidar.")
         elif len(log.turns) > 1 and np.mean(track.shares[1:] == 0.0) > _SCANTY:
-            said.append(f"{name}: most turns of its lidar saw no walls; are they lower than the lidar (0.154 m)?")
+            lidar = load_robot_model("mercator").lidar
+            what = "are they lower than the lidar" + (f" (Mercator's: {lidar.height:g} m)?" if lidar else "?")
+            said.append(f"{name}: most turns of its lidar saw no walls; {what}")
         if track.n_segments > 1:
             first = [int(np.flatnonzero(track.segments == number)[0]) for number in range(1, track.n_segments)]
             moments = listed([f"{track.times[k] - track.times[0]:.1f}" for k in first])

@@ -33,7 +33,8 @@ class Way:
     furniture: Flags  # (s,) which clusters of the track are furniture
     covariances: Floats  # (k, 3, 3) [m, m, rad] of the poses of its keyframes, in the whole map
     frame_covariance: Floats  # (3, 3) of the middle of the way and its heading, against those of the map's first robot
-    offset: float = 0.0  # [s] the robot's clock is ahead of that of the map by this
+    offset: float = 0.0  # [s] the robot's clock is ahead of that of the map by this; 0 if it is not known
+    is_clock_known: bool = True
 
     @property
     def log(self) -> RobotLog:

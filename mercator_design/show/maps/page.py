@@ -17,7 +17,7 @@ from mercator_design.missions.trace import Trace
 from mercator_design.results.experiments.experiment import ShownExperiment, check_extent
 from mercator_design.show.charts import STYLE, Axis, ChartLine, line_chart
 from mercator_design.show.maps.picture import magnification_of
-from mercator_design.show.maps.summary import RELATIVE
+from mercator_design.show.maps.summary import RELATIVE, clock_text
 from mercator_design.show.page import document, script_json, viewer_script, viewer_style
 from mercator_design.show.replay import Replay, replay_of
 from mercator_design.show.report.markup import Html, contents, figure, folded, note, section, table, text
@@ -76,7 +76,7 @@ def _map_section(number: int, name: str, facts: dict[str, Any], picture: bytes, 
         [
             (
                 *(one["name"], one["turns"], f"{100 * one['matched']:.1f} %", f"{one['path']:.1f}"),
-                *(f"{one['odometry_scale']:.3f}", f"{1e3 * one['lag']:.1f}", f"{1e3 * one['clock_offset']:+.1f}"),
+                *(f"{one['odometry_scale']:.3f}", f"{1e3 * one['lag']:.1f}", clock_text(one["clock_offset"], 1e3, 1)),
                 *(_deviation(one["keyframe_sd"]), _deviation(one["frame_sd"])),
             )
             for one in facts["robots"]

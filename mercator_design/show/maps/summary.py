@@ -76,7 +76,7 @@ def _of_way(way: Way) -> dict[str, Any]:
         "matched": round(float(np.mean(way.shares > 0.0)), 4) if len(way.turns) else 0.0,
         "keyframes": len(way.keyframes),
         "path": round(float(np.hypot(*np.diff(places, axis=0).T).sum()), 3) if len(places) > 1 else 0.0,
-        "clock_offset": round(way.offset, 4),
+        "clock_offset": round(way.offset, 4) if way.is_clock_known else None,
         "lag": round(way.track.lag, 4),
         "odometry_scale": round(way.track.scale, 4),
         "keyframe_sd": _deviations(np.mean(way.covariances, axis=0)) if len(way.covariances) else None,
@@ -131,7 +131,8 @@ def text(found: dict[str, Any]) -> str:
             f"{plan['occupied_cells']} occupied cells of {plan['resolution']:g} m"
         )
         for one in robots:
-            clock = f", clock {one['clock_offset']:+.3f} s" if abs(one["clock_offset"]) > 0.0005 else ""
+            offset = one["clock_offset"]
+            clock = "" if offset is not None and abs(offset) <= 0.0005 else f", clock {clock_text(offset, 1.0, 3)} s"
             lines.append(
                 f"  {one['name']}: {one['turns']} {'turn' if one['turns'] == 1 else 'turns'}, "
                 f"{100 * one['matched']:.1f} % matched, {one['path']:.1f} m, "
@@ -171,6 +172,11 @@ def _truth_lines(truth: dict[str, Any]) -> list[str]:
         scores = ", ".join(f"{one['f1']:.3f} (cells of {one['cell']:g} m)" for one in truth["cells"])
         found.append(f"  F1 of occupied cells: {scores}; {100 * truth['coverage']['share']:.1f} % of the walls")
     return found
+
+
+def clock_text(offset: float | None, factor: float, digits: int) -> str:
+    """The offset of a clock [s] times a factor, with its sign; a word if it is not known."""
+    return "unknown" if offset is None else f"{factor * offset:+.{digits}f}"
 
 
 def lengths(lines: Floats) -> Floats:

@@ -40,7 +40,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def plan(log):
-    start = poses.interpolate(log.truth_times, log.truth, np.array([log.turns[0].middle - 0.1]))[0]
+    start = poses.interpolate(log.truth_times, log.truth, log.odometry_times[:1])[0]
     (plan,) = plans_of(map_swarm([replace(log, name="robot <1>", start=start)]))
     return plan
 

@@ -149,3 +149,21 @@ def test_a_weighted_race_is_one_by_one_cost(raced, mdesign, tmp_path):
     one = record.experiments[0]
     assert len(one.scores) == 2
     assert one.score == pytest.approx(((80 - one.scores[0]) / 80 + one.scores[1] / 3) / 2)
+
+
+def test_what_needs_one_cost_refuses(raced, mdesign, tmp_path):
+    needs = "needs one cost, and two has several objectives: give them weights"
+    assert f"an ablation {needs}" in mdesign("runs", "ablation", raced[0] / "run", "-j", 1)[2]
+    storage = f"sqlite:///{tmp_path}/race.db"
+    given = ("--budget", 100, "--optuna", storage, "-o", tmp_path / "run")
+    assert f"--optuna {needs}" in mdesign("race", raced[0] / "two.yaml", *given)[2]
+
+
+def test_an_edited_score_is_found(raced, mdesign, tmp_path):
+    assert mdesign("runs", "verify", raced[0] / "run", "-j", 1)[0] == 0
+    copy = tmp_path / "copy"
+    shutil.copytree(raced[0] / "run", copy)
+    text = (copy / "journal.jsonl").read_text()
+    (copy / "journal.jsonl").write_text(re.sub(r'"scores":\[[^]]*\]', '"scores":[1.0,2.0]', text, count=1))
+    code, _, err = mdesign("runs", "verify", copy, "-j", 1)
+    assert (code, "journal.jsonl, line" in err) == (1, True)

@@ -285,6 +285,7 @@ def _mirror(storage: str | None, folder: RunFolder) -> AbstractContextManager[Op
     if storage is None:
         return nullcontext()
     task = folder.task
+    task.need_one_cost("--optuna")
     return OptunaMirror(
         storage,
         f"{task.name}, seed {task.optimizer.seed}, budget {folder.journal.record.budget}, {folder.path.resolve()}",

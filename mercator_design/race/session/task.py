@@ -176,6 +176,15 @@ class Task(Problem[T]):
             OSError: A file cannot be written.
         """
 
+    def need_one_cost(self, what: str) -> None:
+        """Refuse what needs one cost of an experiment.
+
+        Raises:
+            RaceError: The race is by several objectives.
+        """
+        if self.n_objectives > 1:
+            raise RaceError(f"{what} needs one cost, and {self.name} has several objectives: give them weights")
+
     def header(self) -> dict[str, str]:
         """The entries of this task in the header of the winner's file."""
         return {}

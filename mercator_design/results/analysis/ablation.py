@@ -70,6 +70,7 @@ def race_ablation(
         RaceError: There is no such race or configuration, or it has not ended.
         ExecutorStopped: see `stopped`; running experiments have finished.
     """
+    task.need_one_cost("an ablation")
     record = read_journal(path).record
     if (number := record.view.winner) is None:
         raise RaceError(f"{path}: expected a race that has ended, found one that has no winner yet")

@@ -73,6 +73,7 @@ def write_irace_log(path: Path, task: Task[Any], record: Record) -> None:
         from rdata.unparser import unparse_data
     except ImportError:
         raise RaceError("expected the package rdata, found none: in the clone, pip install '.[r]'") from None
+    task.need_one_cost("irace's log")
     if not record.experiments:
         raise RaceError(f"{path}: expected a race with experiments, found none")
     converter = ConverterFromPythonToR(constructor_dict={**DEFAULT_CLASS_MAP, _RValue: _r_object})

@@ -471,7 +471,7 @@ def test_the_verdict_names_pfsms_of_one_state_only_where_some_ran():
     names = {"winner": scores, "runner-up": scores[::-1], "random networks": [0.1 * k for k in range(20)]}
     contestants = tuple(Contestant(name=name, fsm="", scores=tuple(known)) for name, known in names.items())
     comparison = WinnerComparison(journal="", seeds=tuple(range(20)), contestants=contestants)
-    assert verdict(SimpleNamespace(task=None), comparison) == (
+    assert verdict(SimpleNamespace(task=None, mission=None), comparison) == (
         "On the same fresh instances, it is significantly better than random networks; it is not distinguishable from "
         "the runner-up."
     )

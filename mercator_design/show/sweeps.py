@@ -151,7 +151,7 @@ def _whole_parts(points: Sequence[CurvePoint]) -> list[list[CurvePoint]]:
 def write_sweep(
     folder: Path, sweep: SettingSweep, runs: Sequence[SweptRun], *, caption: str = "", log: bool = False
 ) -> None:
-    """Write the files of a sweep: tables, data and figures.
+    """Write the files of a sweep: tables, data and figures, of which the picture has the caption.
 
     Raises:
         OSError: A file cannot be written.
@@ -161,4 +161,6 @@ def write_sweep(
     write_bytes(folder / CURVES, curves_csv(sweep, points).encode())
     write_bytes(folder / DATA, (json.dumps(sweep_data(sweep, points), allow_nan=False) + "\n").encode())
     for name in FIGURES:
-        write_bytes(folder / name, sweep_figure(sweep, points, Path(name).suffix, caption, log=log))
+        write_bytes(
+            folder / name, sweep_figure(sweep, points, Path(name).suffix, caption * name.endswith(".png"), log=log)
+        )

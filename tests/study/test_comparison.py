@@ -27,8 +27,8 @@ def test_pairs_have_the_rank_sum_test_with_holm_over_all_of_them():
     assert found.pairs[0].medians.value == 4.0
     assert found.pairs[0].means.value == pytest.approx(4.1)
     assert found.pairs[0].p_paired == pytest.approx(2 / 2**5)
-    assert found.n_designs == 5
-    assert found.visible.shift < math.inf
+    assert [*found.visible] == [5]
+    assert found.visible[5].shift < math.inf
 
 
 def test_fewer_costs_are_better():
@@ -64,7 +64,7 @@ def test_a_single_design_is_compared_with_nothing():
     assert found.alone == ["one"]
     assert len(found.pairs) == 1
     nothing = compared(study_table(run_rows({("one", "a"): [1], ("one", "b"): [2]})))
-    assert (nothing.pairs, nothing.n_designs, nothing.visible.shift) == ([], 0, math.inf)
+    assert (nothing.pairs, nothing.visible) == ([], {})
 
 
 def test_three_levels_are_ranked_in_blocks_of_missions_and_repetitions():
@@ -76,6 +76,21 @@ def test_three_levels_are_ranked_in_blocks_of_missions_and_repetitions():
     rows = [[*each] for m in ("up", "same") for each in zip(*((UP | SAME | third)[m, k] for k in "abc"), strict=True)]
     assert designs.ranked.p_value == pytest.approx(stats.friedmanchisquare(*np.array(rows).T).pvalue)
     assert compared(study_table(run_rows(UP | SAME))).ranks == []
+
+
+def test_budgets_are_ranked_apart():
+    three = run_rows({("up", level): [k, k + 1] for k, level in enumerate("abc")})
+    table = study_table(three + [{**row, "budget": 50} for row in three])
+    assert [(one.setting, one.ranked.n_blocks) for one in compared(table).ranks] == [
+        ("budget 500", 2),
+        ("budget 50", 2),
+    ]
+
+
+def test_pairs_of_fewer_designs_have_a_power_of_their_own():
+    found = compared(study_table(run_rows(UP | {("up", "c"): [1, 2]})))
+    assert [*found.visible] == [2, 5]
+    assert found.visible[2].shift == math.inf > found.visible[5].shift
 
 
 def test_relative_ranks_begin_with_the_best():

@@ -53,7 +53,7 @@ def test_the_command_writes_page_tables_and_figures(mdesign, races, tmp_path):
     assert "mdesign study compare" in page
     data = json.loads(mdesign("study", "compare", races / "all", "--json")[1])
     assert data["levels"] == ["halving", "random"]
-    assert data["power"]["shift"] is None
+    assert [one["shift"] for one in data["power"]] == [None]
     for folder in (races / "all" / "random-1",):
         code, _, err = mdesign("study", "compare", races / "all", "-o", folder)
         assert (code, "expected another folder than that of a study or a race" in err) == (2, True)

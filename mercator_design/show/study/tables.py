@@ -117,8 +117,8 @@ def study_json(results: StudyResults) -> str:
         "alpha": ALPHA,
         "unit": unit_sentence(table),
         "answer": [*headlines(results)],
-        "designs_of_each": findings.n_designs,
-        "power": {**findings.visible._asdict(), "verdict": power_sentence(findings)},
+        "power": [{"designs_of_each": n, **found._asdict()} for n, found in findings.visible.items()],
+        "power_verdict": power_sentence(findings),
         "pairs": [_pair_data(table, pair) for pair in findings.pairs],
         "pooled": [
             {
@@ -135,6 +135,7 @@ def study_json(results: StudyResults) -> str:
         ],
         "ranks": [
             {
+                "setting": one.setting,
                 "blocks": f"{one.ranked.n_blocks} {one.what}",
                 "mean_ranks": dict(zip(one.levels, one.ranked.mean_ranks.tolist(), strict=True)),
                 "friedman": {"statistic": one.ranked.statistic, "p": one.ranked.p_value},

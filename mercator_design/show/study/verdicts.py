@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.show.report.markup import p_text
 from mercator_design.study.analysis import StudyResults
-from mercator_design.study.statistics.comparison import AllByRanks, Findings, PairOnMission, PairPooled
+from mercator_design.study.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
 from mercator_design.study.statistics.effects import Effect, mirrored
 from mercator_design.study.statistics.power import MAX_SOUGHT, POWER, designs_needed
 from mercator_design.study.statistics.reality_gap import Correlation, Drop, Order
@@ -49,20 +49,26 @@ def unit_sentence(table: StudyTable) -> str:
 
 
 def power_sentence(findings: Findings) -> str:
-    """What the number of designs can show."""
-    n, tests = findings.n_designs, len(findings.pairs)
-    level = f"at {ALPHA:.0%}" + (f" after Holm's correction for {tests} tests" if tests > 1 else "")
+    """What the numbers of designs can show; a sentence for each number, if pairs have different ones."""
+    tests = len(findings.pairs)
     if not tests:
         return "There are too few designs to compare: at least two of each are needed, made with other seeds."
-    if math.isinf(findings.visible.shift):
-        needed = designs_needed(tests)
-        more = f"at least {needed} of each are needed" if needed <= MAX_SOUGHT else "compare less at a time"
-        return f"{n} designs of each are too few: no difference, however large, can be significant {level}; {more}."
-    return (
-        f"{n} designs of each show a difference of {findings.visible.shift:.2g} standard deviations between designs "
-        f"(A = {findings.visible.a_measure:.2f}) with probability {POWER:.0%}, {level}. Smaller differences may "
-        "exist, and often go unseen: not distinguishable does not mean equal."
-    )
+    level = f"at {ALPHA:.0%}" + (f" after Holm's correction for {tests} tests" if tests > 1 else "")
+    said = []
+    for n, found in findings.visible.items():
+        if math.isinf(found.shift):
+            needed = designs_needed(tests)
+            more = f"at least {needed} of each are needed" if needed <= MAX_SOUGHT else "compare less at a time"
+            said.append(
+                f"{n} designs of each are too few: no difference, however large, can be significant {level}; {more}."
+            )
+        else:
+            said.append(
+                f"{n} designs of each show a difference of {found.shift:.2g} standard deviations between designs (A = "
+                f"{found.a_measure:.2f}) with probability {POWER:.0%}, {level}."
+            )
+    said.append("Smaller differences may exist, and often go unseen: not distinguishable does not mean equal.")
+    return " ".join(said)
 
 
 def share_text(effect: Effect) -> str:
@@ -116,7 +122,10 @@ def ranks_sentence(table: StudyTable, by_ranks: AllByRanks) -> str:
         for b in order[place + 1 :]
         if ranked.p_values[a, b] < ALPHA
     ]
-    text = f"Mean ranks over {ranked.n_blocks} {by_ranks.what}: {means} (Friedman's test, {p_text(ranked.p_value)})"
+    where = "" if not by_ranks.setting else f" at {by_ranks.setting}"
+    text = (
+        f"Mean ranks{where} over {ranked.n_blocks} {by_ranks.what}: {means} (Friedman's test, {p_text(ranked.p_value)})"
+    )
     if ranked.p_value >= ALPHA:
         return f"{text}: no difference is shown."
     if not differ:
@@ -172,7 +181,7 @@ def headlines(results: StudyResults) -> Iterator[str]:
     """The answer of a study in few sentences."""
     table, findings = results.table, results.findings
     if findings.pooled or findings.ranks:
-        yield from (ranks_sentence(table, one) for one in findings.ranks[:1])
+        yield from (ranks_sentence(table, one) for one in findings.ranks if one.what == REPETITIONS)
         yield from (pooled_sentence(table, one) for one in findings.pooled)
     else:
         yield from (pair_sentence(table, one) for one in findings.pairs)

@@ -4,7 +4,7 @@ A-measures above 0.5 are in favour of the first of a pair, also where scores are
 Holm's correction is for all pairs on all missions of a reality, and for all pooled tests.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal, NamedTuple
@@ -22,6 +22,8 @@ from mercator_design.study.table import DESIGN_MODEL, Block, StudyTable
 
 MIN_DESIGNS = 2
 """Designs of each of a pair without which they are not compared."""
+REPETITIONS, MEDIANS = "repetitions on missions", "missions, by medians"
+"""The blocks of Friedman's tests, in words."""
 Outcome = Literal["better than", "worse than", "not distinguishable from"]
 
 
@@ -80,11 +82,12 @@ class PairPooled(NamedTuple):
 
 
 class AllByRanks(NamedTuple):
-    """Three levels or more by their ranks in blocks.
+    """Three levels or more by their ranks in the blocks of a setting.
 
     what: The blocks, in words.
     """
 
+    setting: str
     what: str
     levels: tuple[str, ...]
     ranked: RankedBlocks
@@ -95,7 +98,8 @@ class Findings:
     """What a study shows in a reality.
 
     alone: Names of blocks in which fewer than two levels have designs enough.
-    visible: What the least number of designs of a pair can show, with Holm's correction.
+    visible: What a number of designs of each of a pair can show, with Holm's correction: for the smaller number of
+        each pair.
     """
 
     reality: str
@@ -103,8 +107,7 @@ class Findings:
     pooled: Sequence[PairPooled]
     ranks: Sequence[AllByRanks]
     alone: Sequence[str]
-    n_designs: int
-    visible: Visible
+    visible: Mapping[int, Visible]
 
 
 def outcome_of(a: float, p_value: float) -> Outcome:
@@ -127,7 +130,7 @@ def compared(table: StudyTable, reality: str = DESIGN_MODEL) -> Findings:
         _pair(blocks[k], first, second, p, corrected)
         for (k, first, second), p, corrected in zip(known, p_values.tolist(), holm(p_values).tolist(), strict=True)
     ]
-    n = min((len(values) for both in known.values() for values in both), default=0)
+    sizes = sorted({min(map(len, both)) for both in known.values()})
     compared_blocks = {k for k, _, _ in known}
     return Findings(
         reality=reality,
@@ -135,8 +138,7 @@ def compared(table: StudyTable, reality: str = DESIGN_MODEL) -> Findings:
         pooled=_pooled(pairs),
         ranks=_ranks(table.levels, blocks),
         alone=[block.name for k, block in enumerate(blocks) if k not in compared_blocks],
-        n_designs=n,
-        visible=visible(n, len(pairs)) if pairs else Visible(np.inf, 1.0),
+        visible={n: visible(n, len(pairs)) for n in sizes},
     )
 
 
@@ -175,20 +177,18 @@ def _pooled(pairs: Sequence[PairOnMission]) -> list[PairPooled]:
 
 
 def _ranks(levels: Sequence[str], blocks: Sequence[Block]) -> list[AllByRanks]:
-    """Friedman's tests of three or more levels: of designs of equal repetitions, and of the medians of missions."""
+    """Friedman's tests of each setting: of designs of equal repetitions, and of the medians of missions."""
     whole = [block for block in blocks if len(block.scores) == len(levels)]
-    if len(levels) < 3 or not whole:
-        return []
-    rows, medians = [], []
-    for block in whole:
-        several = [block.values(level) for level in levels]
-        n = min(map(len, several))
-        rows += [[values[k] for values in several] for k in range(n)]
-        medians.append([np.median(values) for values in several])
     found = []
-    for what, values in (("designs of equal repetitions", rows), ("medians of missions", medians)):
-        if len(values) > 1:
-            found.append(AllByRanks(what, tuple(levels), friedman(np.array(values, dtype=float))))
+    for setting in dict.fromkeys(block.setting for block in whole) if len(levels) > 2 else ():
+        rows, medians = [], []
+        for block in (one for one in whole if one.setting == setting):
+            several = [block.values(level) for level in levels]
+            rows += [[values[k] for values in several] for k in range(min(map(len, several)))]
+            medians.append([np.median(values) for values in several])
+        for what, values in ((REPETITIONS, rows), (MEDIANS, medians)):
+            if len(values) > 1:
+                found.append(AllByRanks(setting, what, tuple(levels), friedman(np.array(values, dtype=float))))
     return found
 
 

@@ -59,7 +59,7 @@ def test_three_are_ranked_in_a_sentence():
     three = {("up", "c"): [9.5] * 5, ("same", "c"): [9.5] * 5}
     results = of(TWO | three)
     text = ranks_sentence(results.table, results.findings.ranks[0])
-    assert text.startswith("Mean ranks over 10 designs of equal repetitions: c 1.00, ")
+    assert text.startswith("Mean ranks over 10 repetitions on missions: c 1.00, ")
     assert "c before b" in text
     alike = of({("m", level): BAD for level in "abc"})
     assert ranks_sentence(alike.table, alike.findings.ranks[0]).endswith("no difference is shown.")

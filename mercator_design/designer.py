@@ -55,6 +55,8 @@ FLAVOUR_DIGEST = "flavour_digest"
 """Key of a race's start, if its flavour is not shipped."""
 GIVEN_OPTIONS = "given_options"
 """Key of a race's start, if options of its method were given."""
+GOAL = "goal"
+"""Key of a race's start, if it is by several objectives."""
 TEST_SEED = 1
 """The default seed of `mdesign evaluate`, so that all races are tested on the same instances."""
 MAX_SOFTWARE = 1000
@@ -196,6 +198,7 @@ class Designer(Task[tuple[Software, int]]):
             "robot_model": self.simulator.robot_model.name,
             "robot_model_digest": digest_of(self.simulator.robot_model),
             "flavour": self.flavour,
+            **({GOAL: self.simulator.mission.goal} if self.n_objectives > 1 else {}),
             **({} if flavour_of(self.flavour).is_shipped else {FLAVOUR_DIGEST: digest_of(flavour_of(self.flavour))}),
             "space_digest": hashlib.sha256(parameters_text(self.optimizer.space).encode()).hexdigest()[:16],
             **({GIVEN_OPTIONS: self._options} if self._options else {}),
@@ -288,6 +291,7 @@ class Designer(Task[tuple[Software, int]]):
         return [
             f"Mission    {start['name']}, for robot {start['robot_model']}",
             f"Designed   with {start['flavour']}, seed {start['seed']}",
+            *([f"Objectives {start[GOAL]}; a single figure is by the first"] if GOAL in start else []),
         ]
 
     @staticmethod

@@ -84,6 +84,11 @@ def test_the_summary_lists_it(raced):
             assert re.search(rf"^ +{row['configuration']} +", out, flags=re.MULTILINE)
 
 
+def test_other_verbs_say_what_their_figure_is(raced, mdesign):
+    named = "Objectives maximise robots_in_zone and minimise path_length; a single figure is by the first"
+    assert named in mdesign("runs", "show", raced[0] / "run")[1]
+
+
 def test_the_report_shows_the_trade_off(raced, mdesign):
     assert mdesign("report", raced[0] / "run", "-j", 1)[0] == 0
     page = (raced[0] / "run" / "report.html").read_text()

@@ -284,6 +284,8 @@ class Designer(Task[tuple[Software, int]]):
             words += [f"--{name}", str(own.get(name, start[name]))]
         for name in start["plugins"]:
             words += ["--plugin", str(folder / PLUGINS / name)]
+        if start.get(GIVEN_OPTIONS, {}).get("stop_when_stagnant"):
+            words.append("--stop-when-stagnant")
         return shlex.join(words)
 
     @staticmethod

@@ -1,7 +1,10 @@
 """Races by halving. All costs are functions of a seed, so no test fails by luck unless it says so."""
 
+import itertools
 import math
 import random
+import re
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -231,6 +234,49 @@ class TestGenerations:
         planned = race.progress.iterations
         run(race)
         assert abs(race.progress.iterations - planned) <= 2
+
+
+class TestStagnation:
+    OPTIONS = HalvingOptions(first=0.1, surrogate=0)
+
+    def raced(self, cost, *, stops, budget=1500):
+        race = Halving(MIXED, budget=budget, seed=1, options=replace(self.OPTIONS, stop_when_stagnant=stops))
+        told = []
+        while batch := race.ask():
+            costs = [cost(one) for one in batch]
+            told += zip(batch, costs, strict=True)
+            race.tell(costs)
+        return race, told
+
+    def test_a_race_that_gains_nothing_ends_after_the_confirmation(self):
+        race, told = self.raced(lambda _: 1.0, stops=True)
+        whole, all_told = self.raced(lambda _: 1.0, stops=False)
+        confirmed = race.iterations[-1]
+        assert confirmed.postselection
+        assert confirmed.used == pytest.approx(0.15 * 1500, abs=8)
+        saved = race.budget - race.used
+        assert saved > 0.2 * race.budget
+        found = re.fullmatch(r"no gain since iteration (\d+); (\d+) experiments .* were saved", race.stop_reason)
+        assert int(found[1]) == 1
+        assert int(found[2]) == pytest.approx(saved, abs=8)
+        n_same = race.used - confirmed.used  # until then it is the same race
+        assert told[:n_same] == all_told[:n_same]
+        assert whole.used > 0.99 * whole.budget
+
+    def test_one_that_gains_does_not(self):
+        gains = itertools.count()
+        race, _ = self.raced(lambda _: -float(next(gains)), stops=True)
+        assert race.used > 0.99 * race.budget
+        assert all(one.stagnant < 3 for one in race.iterations)
+
+    def test_a_larger_budget_continues_it(self):
+        race, _ = self.raced(lambda _: 1.0, stops=True)
+        used = race.used
+        race.extend(6000)
+        while batch := race.ask():
+            race.tell([1.0] * len(batch))
+        assert used < race.used < 0.9 * race.budget
+        assert "were saved" in race.stop_reason
 
 
 class TestLookahead:

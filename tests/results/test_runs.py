@@ -434,6 +434,7 @@ def test_optuna_shows_the_race(mdesign, folder, undisturbed, tmp_path):
         (["--timeout", "3"], "--timeout needs --executor processes"),
         (["--timeout", "0"], "timeout"),
         (["--executor", "fairies"], "fairies"),
+        (["--stop-when-stagnant", "--method", "irace"], "--stop-when-stagnant needs --method halving"),
     ],
 )
 def test_options_that_do_not_go_together(mdesign, tmp_path, options, words):

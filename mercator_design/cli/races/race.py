@@ -35,7 +35,7 @@ from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.results.provenance import Request
 from mercator_design.sim.simulate import Simulator
 
-_FIXED = ("mission", "seed", "seeds", "output", "flavour", "method", "overrides")
+_FIXED = ("mission", "seed", "seeds", "output", "flavour", "method", "overrides", "stop_when_stagnant")
 
 
 @click.command()
@@ -54,6 +54,12 @@ _FIXED = ("mission", "seed", "seeds", "output", "flavour", "method", "overrides"
 @method_option(DEFAULT_METHOD)
 @EXECUTOR
 @ON_FAILURE
+@click.option(
+    "--stop-when-stagnant",
+    is_flag=True,
+    help="End the race when it has gained nothing for two fifths of the budget, and confirm the winner (with --method "
+    "halving).",
+)
 @click.option(
     "--test-runs",
     type=click.IntRange(0, 10**6),
@@ -83,6 +89,7 @@ def race(
     executor_name: str,
     scheduler: str | None,
     timeout: float | None,
+    stop_when_stagnant: bool,
     test_runs: int | None,
     test_elites: int | None,
     test_iterations: bool,
@@ -99,6 +106,8 @@ def race(
     larger --budget. With --seeds, several races are a study (`mdesign study`).
     """
     check_usage(resumed=resume is not None, fixed=_FIXED, needed=("mission", "budget"))
+    if stop_when_stagnant and (method != "halving" or seeds is not None):
+        raise click.UsageError("--stop-when-stagnant needs --method halving, and no --seeds")
     executor = executor_of(executor_name, jobs, scheduler, timeout)
     tests = {"runs": test_runs, "elites": test_elites, "iterations": test_iterations or None}
     if resume is not None:
@@ -126,7 +135,8 @@ def race(
         testing = _testing(None, {**tests, "runs": TEST_RUNS if test_runs is None else test_runs})
         simulator = Simulator(load_mission(mission, overrides))
         warn_of_mission(simulator, refuse=True)
-        designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method)
+        options = {"stop_when_stagnant": True} if stop_when_stagnant else None
+        designer = Designer(simulator, budget=budget, seed=seed, flavour=flavour, method=method, options=options)
         warn_of_no_effect(simulator, flavour)
         designer.prepare(print_note)
         request = Request(

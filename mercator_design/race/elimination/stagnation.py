@@ -109,6 +109,13 @@ def judged(
     return replace(iteration, stagnant=len(idle), note=_of_stagnation(before, idle) if is_long and is_new else "")
 
 
+def stagnates(iterations: Sequence[IterationSummary], budget: int) -> bool:
+    """Whether the last of some iterations ends a pause that is long enough for a note."""
+    idle = [one for one in iterations if not one.postselection][-iterations[-1].stagnant :]
+    is_idle = iterations[-1].stagnant >= MIN_ITERATIONS
+    return is_idle and sum(one.used for one in idle) >= MIN_SHARE * budget
+
+
 def _of_the_first(found: tuple[float, float] | None) -> str:
     if found is None:
         return (

@@ -21,6 +21,7 @@ from mercator_design.errors import RaceError
 from mercator_design.race.elimination.additive_model import expected, table
 from mercator_design.race.elimination.history import RaceHistory
 from mercator_design.race.elimination.race import ALL_REJECTED, Experiment
+from mercator_design.race.elimination.stagnation import stagnates
 from mercator_design.race.elimination.statistics import mid_ranks
 from mercator_design.race.elimination.summary import IterationSummary
 from mercator_design.race.methods.optimizer import Batches, Optimizer, Upcoming
@@ -51,6 +52,7 @@ class HalvingOptions:
         rung: Experiments in each rung of a generation, as a part of the newcomers of a later generation, rounded to
             whole instances: where there are few configurations, they run on several. 0 means one instance in each rung.
         confirmation: Part of the budget that is reserved for the confirmation of the winner.
+        stop_when_stagnant: Whether the race ends when it stagnates (stagnation.py), after the confirmation.
 
     Raises:
         RaceError: An option is out of range.
@@ -63,6 +65,7 @@ class HalvingOptions:
     elites: int = 5
     rung: float = 0.75
     confirmation: float = 0.15
+    stop_when_stagnant: bool = False
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -199,7 +202,7 @@ class Halving(Optimizer):
 
     def _run(self) -> Batches:
         reserved = int(self.options.confirmation * (self.budget - self.used))
-        size = self._size
+        size, end = self._size, self.budget
         if not self.elites:
             children = yield from self._first_children(self.budget - reserved)
             left = self.budget - reserved - self._n_experiments(len(children))
@@ -217,10 +220,16 @@ class Halving(Optimizer):
                 break
             children = children[:n]
             yield from self._generation(elites, self.history.add(children))
+            if self.options.stop_when_stagnant and stagnates(self.iterations, self.budget):
+                since = self.iteration - self.iterations[-1].stagnant
+                saved = self.budget - self.used - reserved
+                self.stop_reason = f"no gain since iteration {since}; {saved} experiments of the budget were saved"
+                end = self.used + reserved
+                break
         else:
             self.stop_reason = _NO_BUDGET
         self._n_iterations = self.iteration
-        yield from self._confirm()
+        yield from self._confirm(end)
 
     def _first_children(self, max_experiments: int) -> Generator[Upcoming, object, list[Child]]:
         """The first configurations. The given and simple ones are upcoming before the others are sampled."""
@@ -290,20 +299,20 @@ class Halving(Optimizer):
         twice = [number for number in newcomers if len(self.history.costs[number]) > 1]
         self._end_iteration(summary, survivors, twice if len(different) == 1 else [])
 
-    def _confirm(self) -> Batches:
-        """Spend the rest of the budget on the best elites of all generations: a lucky one loses on new instances.
+    def _confirm(self, end: int) -> Batches:
+        """Spend what is left, up to `end` experiments in all, on the best elites of all generations.
 
-        All experiments of one halving are one batch.
+        A lucky one loses on new instances. All experiments of one halving are one batch.
         """
         order = by_expectation(self.history, self.history.former_elites)
         if len(order) < 2:  # of a space of two configurations, or if almost all elites were rejected
             order = self._all_ranked()
-        n_finalists = n_alive = min(len(order), _MAX_FINALISTS, self.budget - self.used)
+        n_finalists = n_alive = min(len(order), _MAX_FINALISTS, end - self.used)
         if n_finalists < 2:
             return
         self.iteration += 1
         first, before = self._n_seen, self.used
-        while n_alive > 1 and (left := self.budget - self.used) > 1:
+        while n_alive > 1 and (left := end - self.used) > 1:
             alive = order[: min(n_alive, left)]
             n_instances = max(left // (len(alive) * math.ceil(math.log2(len(alive)))), 1)
             n_next = math.ceil(len(alive) / 2)
@@ -315,7 +324,7 @@ class Halving(Optimizer):
         summary = IterationSummary(
             iteration=self.iteration,
             postselection=True,
-            budget=self.budget - before,
+            budget=end - before,
             used=self.used - before,
             n_configurations=n_finalists,
             n_instances=self._n_seen - first,

@@ -150,7 +150,10 @@ class Task(Problem[T]):
 
     def start(self) -> dict[str, Any]:
         """As `Problem.start`, with the method and its options; each task adds keys of its own."""
-        return {**super().start(), "method": self.method, "options": asdict(self.optimizer.options)}
+        options = asdict(self.optimizer.options)
+        if not options.get("stop_when_stagnant", True):  # as in races from before there was this option
+            del options["stop_when_stagnant"]
+        return {**super().start(), "method": self.method, "options": options}
 
     @abstractmethod
     def files(self) -> dict[str, bytes]:

@@ -34,6 +34,8 @@ MAX_AXES = 12
 _MARKS = "osD^vP*X"
 _ROW, _LEGEND = 1.25, 0.16
 """Heights of a row of axes, and of a line of the legend [inches]."""
+_LETTERS = 60
+"""Letters that the width of a figure has space for, in a title of 7 points."""
 _DPI = 300
 _STYLE = {"font.size": 7.0, "pdf.fonttype": 42, "axes.titlesize": 7.0, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}
 
@@ -79,7 +81,9 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
     """Axes for each block; with several realities, those of a level are side by side."""
     columns = min(2, len(blocks))
     rows = -(-len(blocks) // columns)
-    figure, legend = _figure(table, _ROW * rows + 0.2 * (len(realities) > 1))
+    figure, legend = _figure(
+        table, _ROW * rows + 0.2 * (len(realities) > 1) + 0.12 * rows * any(block.setting for block in blocks)
+    )
     signs = dict(zip(realities, "MABCDEFGHIJKLNOPQRSTUVWXYZ" + " " * len(realities), strict=False))
     there = {reality: {block.name: block for block in table.blocks(reality)} for reality in realities}
     for k, block in enumerate(blocks):
@@ -90,8 +94,12 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
             if (found := there[reality].get(block.name)) is not None and level in found.scores
         ]
         _draw(axes, table, boxes, block.possible)
-        axes.set_title(printable(block.name), pad=3.0)
-        if k % columns == 0:
+        lines = [printable(line) for line in (block.mission, block.setting) if line]
+        size = min(7.0, 7.0 * _LETTERS / columns / max(map(len, lines)))
+        axes.set_title("\n".join(lines), pad=3.0, fontsize=size)
+        if not block.possible.maximise:
+            axes.set_ylabel("score (minimised)", labelpad=2.0)
+        elif k % columns == 0:
             axes.set_ylabel("score", labelpad=2.0)
         if len(realities) > 1:
             places = _places(table.levels, realities)

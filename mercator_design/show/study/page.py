@@ -5,7 +5,7 @@ from itertools import groupby
 
 from mercator_design.errors import excerpt
 from mercator_design.race.elimination.summary import ALPHA
-from mercator_design.show.charts import STYLE, number
+from mercator_design.show.charts import STYLE
 from mercator_design.show.markup import escaped
 from mercator_design.show.page import document
 from mercator_design.show.report.markup import Html, contents, figure, folded, note, p_text, row_of, section, table
@@ -141,7 +141,7 @@ def _gap(results: StudyResults) -> Html:
         for one in gap.compared
     ]
     known = [
-        (one.block, one.reality, one.n_designs, "" if one.rho is None else number(one.rho)) for one in gap.correlations
+        (one.block, one.reality, one.n_designs, "" if one.rho is None else f"{one.rho:.2f}") for one in gap.correlations
     ]
     about = (
         "The same designs in the model in which they were made, and in others. Losses are tested by the signed-rank "

@@ -171,9 +171,8 @@ def correlation_sentence(correlations: Sequence[Correlation], reality: str) -> s
     known = [one.rho for one in correlations if one.reality == reality and one.rho is not None]
     if not known:
         return ""
-    spread = (
-        plain(known[0]) if len(known) == 1 else f"{plain(min(known))} to {plain(max(known))} on {len(known)} missions"
-    )
+    low, high = min(known), max(known)
+    spread = f"{low:.2f}" if len(known) == 1 else f"{low:.2f} to {high:.2f} in {len(known)} comparisons"
     return f"The order of designs in the design model and in {reality} correlates with {spread} (Spearman's rho)."
 
 

@@ -177,7 +177,7 @@ def _pooled(pairs: Sequence[PairOnMission]) -> list[PairPooled]:
 
 
 def _ranks(levels: Sequence[str], blocks: Sequence[Block]) -> list[AllByRanks]:
-    """Friedman's tests of each setting: of designs of equal repetitions, and of the medians of missions."""
+    """Friedman's tests of each setting: of repetitions on missions, and of the medians of missions."""
     whole = [block for block in blocks if len(block.scores) == len(levels)]
     found = []
     for setting in dict.fromkeys(block.setting for block in whole) if len(levels) > 2 else ():

@@ -103,7 +103,7 @@ def test_an_array_of_a_study_that_is_cancelled_and_queued_again(environment, tmp
 )
 def test_a_race_whose_jobs_are_cancelled(environment, tmp_path):
     """It goes on with new ones, to the same end."""
-    command = [sys.executable, ROOT / "docs" / "slurm.py", "--jobs", 1, "--cores", 1, "--memory", "100MB", "--check", 1]
+    command = [sys.executable, ROOT / "docs" / "slurm.py", "--jobs", 1, "--cores", 1, "--memory", "1GB", "--check", 1]
     dask = ["--executor", "dask", "--scheduler", "scheduler.json", "-o", "dask"]
     options = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     with (

@@ -408,3 +408,20 @@ def test_the_page_and_files_of_a_study(copied, mdesign):
     shutil.rmtree(copied / "cells")
     assert "expected designs that are assessed, found none yet" in refusal(mdesign, "study", "report", copied)
     assert "not the folder of a study" in refusal(mdesign, "study", "report", copied.parent)
+
+
+def test_scores_by_the_first_of_several_objectives_are_told(tmp_path, mdesign):
+    mission = tmp_path / "two.yaml"
+    code, text, _ = mdesign("missions", "show", "aggregation")
+    assert code == 0
+    data = yaml.safe_load(text)
+    first = data.pop("objective")
+    data |= {"name": "two", "objectives": [first, {**first, "direction": "minimise"}], "robots": 2, "duration": 1.0}
+    mission.write_text(json.dumps(data))
+    text = PLAN.replace("mission: foraging", "mission: ./two.yaml")
+    err = refusal(mdesign, "study", plan_file(tmp_path, text), "--dry-run")
+    assert "methods.random: on two: method: expected one of halving, irace" in err
+    text = text.replace("  random: {method: random, options: {instances: 5}}\n", "")
+    code, _, err = mdesign("study", plan_file(tmp_path, text), "--dry-run")
+    assert code == 0, err
+    assert f"two: the scores of the study are by the first of its objectives, {first['name']}" in err

@@ -5,7 +5,7 @@ Takes the winners of the folder of the study `maps` (`mdesign study maps ...`): 
 (tests/data/published_fsms.json). All drive in the held-out arenas, from the same starts, with 1 to 5 robots and for
 different times. Each run has the score of the objective in the design model and in `mercator-drifting`, and the merit
 of the whole map of its logs there (mapping/trial.py): F1 of cells of 5 cm, the covered share of the walls, the error
-of the poses.
+of the poses [mm].
 
 Rows are kept in --cache, a line each; a run that was stopped goes on. The table has the means over designs and seeds
 with their standard errors over designs (of one design: over seeds). --figure draws them against robots and time.
@@ -71,7 +71,7 @@ def row_of(arena: str, robots: int, duration: float, software: Software, seed: i
         "score in drifting": round(found.score, 5),
         "f1": round(found.f1, 4),
         "coverage": round(found.coverage, 4),
-        "error": None if found.error is None else round(found.error, 4),
+        "error": None if found.error is None else round(1e3 * found.error, 2),
         "maps": found.maps,
     }
 
@@ -119,7 +119,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
     most, longest = max(row["robots"] for row in rows), max(row["duration"] for row in rows)
     fixed = {"robots": ("duration", longest), "duration": ("robots", most)}
-    names = {"f1": "F1 of the map", "coverage": "share of walls in the map", "error": "error of the poses [m]"}
+    names = {"f1": "F1 of the map", "coverage": "share of walls in the map", "error": "error of the poses [mm]"}
     with house_style():
         figure = Figure(figsize=(7.2, 4.6), layout="constrained")
         axes = figure.subplots(2, 3)
@@ -145,6 +145,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
                     )
                 axes[line, column].set_xlabel("robots" if key == "robots" else "time [s]")
                 axes[line, column].set_ylabel(names[name])
+                axes[line, column].set_xticks(sorted({row[key] for row in own}))
                 axes[line, column].grid(linewidth=0.3)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncol=4, fontsize=7, frameon=False)

@@ -66,7 +66,7 @@ _PLACES = {
     "race": "race",
     "read_fsm": "software.files:read_fsm",
     "simulate": "api:simulate",
-    "study": "study",
+    "study": "api:study",
     "sweep": "api:sweep",
     **_OF_PLUGINS,
 }

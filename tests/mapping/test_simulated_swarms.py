@@ -85,19 +85,19 @@ def test_a_lidar_whose_times_are_off_is_corrected(seconds):
     ]
     found = map_swarm(logs, clock_search=0.0)
     assert [track.lag for track in found.tracks] == pytest.approx([-seconds] * 3, abs=0.005)
-    assert pose_errors(plans_of(found)[0].ways, only_keyframes=False)["rmse"] < 4.0
+    assert pose_errors(merit_of(plans_of(found)[0]).turns)["rmse"] < 4.0
 
 
 def test_a_round_arena_turns_together_at_most():
     found = map_swarm(explored("circle", 1, DURATION), clock_search=0.0)
     assert found.n_maps == 1
-    error = pose_errors(plans_of(found)[0].ways, only_keyframes=True)
+    error = pose_errors(merit_of(plans_of(found)[0]).keyframes)
     assert error["rmse"] < 30.0
     assert error["yaw"] < 2.5
 
 
 def test_the_order_of_robots_does_not_matter():
     logs = logs_of(EMPTY)
-    errors = [pose_errors(plans_of(map_swarm(one))[0].ways, only_keyframes=True) for one in (logs, logs[::-1])]
+    errors = [pose_errors(merit_of(plans_of(map_swarm(one))[0]).keyframes) for one in (logs, logs[::-1])]
     assert errors[0]["rmse"] < 2.0
     assert errors[0]["rmse"] == pytest.approx(errors[1]["rmse"], abs=0.3)

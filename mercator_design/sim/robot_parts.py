@@ -303,8 +303,8 @@ class Failures:
     Motors and LEDs of such a robot are off and it sends nothing; it stands in the way, and is seen, as any other.
     """
 
-    share: Part = 0.0  # chance that a robot stops in an experiment, at any time ...
-    between: tuple[Part, Part] = (0.0, 1.0)  # ... between these parts of its duration
+    share: Part = 0.0  # chance that a robot stops in an experiment
+    between: tuple[Part, Part] = (0.0, 1.0)  # parts of the duration, between which such a robot stops
     rate: Annotated[float, Range(0.0, 1000.0)] = 0.0  # [1/s] of robots that stop, of those that work; beside `share`
 
     def __post_init__(self) -> None:

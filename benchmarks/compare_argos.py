@@ -36,7 +36,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.executors.executor import available_jobs
 from mercator_design.sim.robot_model import load_robot_model
-from mercator_design.study.statistics.power import POWER
+from mercator_design.studies.statistics.power import POWER
 
 FREE = 1e-4  # [m], [rad] wanted before robots touch each other
 SOON, SOON_CYCLES = 3e-3, 100  # [m] allowed in the first 10 s after they first do

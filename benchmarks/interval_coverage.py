@@ -18,7 +18,7 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script, the repository's root is not on the path
 
 from mercator_design import seeds
-from mercator_design.study.statistics.effects import a_effect, difference_of_means, difference_of_medians, notch
+from mercator_design.studies.statistics.effects import a_effect, difference_of_means, difference_of_medians, notch
 
 SHIFTS = (0.0, 1.0, 2.0)
 EFFECTS = (a_effect, difference_of_medians, difference_of_means)

@@ -54,9 +54,9 @@ from mercator_design.race import Configuration
 from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.show.study.verdicts import share_text
 from mercator_design.sim.simulate import Simulator
-from mercator_design.study.statistics.comparison import PairOnMission, compared
-from mercator_design.study.statistics.rank_tests import van_elteren
-from mercator_design.study.table import DESIGN_MODEL, StudyTable
+from mercator_design.studies.statistics.comparison import PairOnMission, compared
+from mercator_design.studies.statistics.rank_tests import van_elteren
+from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 FRESH = 200
 RANDOM = 200

@@ -22,8 +22,8 @@ from benchmarks.mission_quality import FRESH, MissionProblem, Shipped, quartiles
 from benchmarks.race_results import Race, results
 from mercator_design.fsm import parse
 from mercator_design.show.study.verdicts import share_text
-from mercator_design.study.statistics.effects import a_effect
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.effects import a_effect
+from mercator_design.studies.statistics.rank_tests import rank_sum
 
 PUBLISHED = Path(__file__).parents[1] / "tests" / "data" / "published_fsms.json"
 ROBOT = "mercator-argos"

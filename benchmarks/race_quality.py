@@ -34,7 +34,7 @@ from benchmarks.vectors.irace_parts import parameter
 from mercator_design import seeds
 from mercator_design.race import Configuration, Space
 from mercator_design.race.elimination.statistics import holm
-from mercator_design.study.statistics.effects import a_measure
+from mercator_design.studies.statistics.effects import a_measure
 
 SIGNIFICANT = 0.05
 

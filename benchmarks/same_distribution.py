@@ -44,8 +44,8 @@ from mercator_design.sim.kernels.swarm import Swarm
 from mercator_design.sim.referee import Referee
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.sim.simulate import Outcome, Simulator
-from mercator_design.study.statistics.power import POWER, visible_shift
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.power import POWER, visible_shift
+from mercator_design.studies.statistics.rank_tests import rank_sum
 
 CHECKED = 4  # experiments in which the robots in the space are counted
 

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from mercator_design.errors import RaceError, StudyError
-from mercator_design.study.reading import read_status
+from mercator_design.studies.reading import read_status
 
 MDESIGN = [sys.executable, "-c", "from mercator_design.cli import main; main()"]
 PLAN = """
@@ -78,8 +78,8 @@ def main() -> int:
                 code = process.wait()
             print(f"kill {number}: exit code {code}, {done(killed)} experiments kept", flush=True)
         subprocess.run([*command, str(killed)], check=True, stdout=subprocess.DEVNULL)
-        before, after = contents(whole), contents(killed)
-        wrong = [name for name in FILES if before[name] != after[name]]
+        expected, found = contents(whole), contents(killed)
+        wrong = [name for name in FILES if expected[name] != found[name]]
         print(f"resumed: {', '.join(wrong) + ' differ' if wrong else 'the same tables'}")
     return int(bool(wrong))
 

@@ -48,8 +48,8 @@ from mercator_design.sim.devices import Recording
 from mercator_design.sim.kernels.swarm import new_history
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.files import fsm_file_text
-from mercator_design.study.statistics.power import POWER, visible_shift
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.power import POWER, visible_shift
+from mercator_design.studies.statistics.rank_tests import rank_sum
 from mercator_design.system.files import write_text
 from mercator_design.twin.arena import TwinArena
 

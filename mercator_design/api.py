@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
     from mercator_design.results.folder import RunFolder
     from mercator_design.show.page import ReplayPage
-    from mercator_design.study.plan import StudyPlan
-    from mercator_design.study.running import StudyProgress
-    from mercator_design.study.table import StudyTable
+    from mercator_design.studies.plan import StudyPlan
+    from mercator_design.studies.running import StudyProgress
+    from mercator_design.studies.table import StudyTable
 
 SWEEP_RUNS = 30
 """Instances of a sweep, by default."""
@@ -338,11 +338,11 @@ def study(
         StudyError: The plan is not valid, or the folder has something else.
         MercatorError: An experiment failed.
     """
-    from mercator_design.study.folder import StudyFolder
-    from mercator_design.study.plan import plan_of
-    from mercator_design.study.reading import study_table
-    from mercator_design.study.resolving import resolve
-    from mercator_design.study.running import StudyRun
+    from mercator_design.studies.folder import StudyFolder
+    from mercator_design.studies.plan import plan_of
+    from mercator_design.studies.reading import study_table
+    from mercator_design.studies.resolving import resolve
+    from mercator_design.studies.running import StudyRun
 
     _check_choice("on_failure", on_failure, get_args(OnFailure))
     resolved, executor = resolve(plan_of(plan)), ThreadExecutor(jobs)

@@ -14,7 +14,7 @@ from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 from mercator_design.config.loading import parse
 from mercator_design.errors import StudyError
 from mercator_design.missions.mission import parse_mission
-from mercator_design.study.plan import StudyPlan
+from mercator_design.studies.plan import StudyPlan
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.argos.scores import Columns, Comparison
 from benchmarks.two_samples import FALSE_DISCOVERIES
-from mercator_design.study.statistics.power import POWER
+from mercator_design.studies.statistics.power import POWER
 
 WANTED_CORRELATION = 0.97
 RESAMPLES = 2000

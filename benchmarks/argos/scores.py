@@ -35,8 +35,8 @@ from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.kernels.swarm import History
 from mercator_design.sim.simulate import Simulator
-from mercator_design.study.statistics.power import visible_shift
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.power import visible_shift
+from mercator_design.studies.statistics.rank_tests import rank_sum
 
 COLOURS: tuple[ColourName, ...] = ("black", "gray", "green", "red", "yellow")
 MAX_NEIGHBOURS, MAX_STATES = 10, 4  # of the histograms; the last bin of the first is "9 or more"

@@ -8,7 +8,7 @@
 # %%
 import mercator_design as md
 from mercator_design.show.study.verdicts import headlines
-from mercator_design.study.analysis import analysed
+from mercator_design.studies.analysis import analysed
 
 # %%
 plan = {

@@ -10,7 +10,7 @@ from mercator_design.config.json_schema import json_schema
 from mercator_design.fsm.yaml_form import NamedPfsm
 from mercator_design.missions.mission import Mission
 from mercator_design.sim.robot_model import RobotModel
-from mercator_design.study.plan import StudyPlan
+from mercator_design.studies.plan import StudyPlan
 
 
 @click.command()

@@ -55,8 +55,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         content = _content(file)
         if {"methods", "missions"} <= content.keys():
-            from mercator_design.study.plan import load_plan  # pandas comes with these
-            from mercator_design.study.resolving import resolve
+            from mercator_design.studies.plan import load_plan  # pandas comes with these
+            from mercator_design.studies.resolving import resolve
 
             layout = resolve(load_plan(file)).layout
             experiments = sum(map(layout.n_experiments, layout.cells))

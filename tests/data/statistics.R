@@ -1,4 +1,4 @@
-# Writes statistics.json: what R makes of small samples, for tests/study/test_statistics.py.
+# Writes statistics.json: what R makes of small samples, for tests/studies/test_statistics.py.
 # Rscript statistics.R > statistics.json     (R 4.2.2; packages jsonlite 1.8 and coin 1.4)
 suppressPackageStartupMessages({library(coin); library(jsonlite)})
 

@@ -13,8 +13,8 @@ from benchmarks import mission_quality, published_designs, race_results
 from benchmarks.race_results import Race, fingerprint, results
 from mercator_design.race import Space
 from mercator_design.race.space.parameter import real
-from mercator_design.study.statistics.effects import a_measure
-from mercator_design.study.statistics.rank_tests import van_elteren
+from mercator_design.studies.statistics.effects import a_measure
+from mercator_design.studies.statistics.rank_tests import van_elteren
 
 
 class Near:

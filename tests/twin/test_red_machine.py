@@ -10,7 +10,7 @@ from mercator_design.fsm import parse
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.conditions import COLOUR_LABELS, colour_label
 from mercator_design.sim.simulate import Simulator
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.rank_tests import rank_sum
 from mercator_design.twin.arena import TwinArena
 from tests.sim.test_labels import SEEK_RED
 

@@ -12,10 +12,10 @@ from mercator_design.results.files import JOURNAL
 from mercator_design.show.study.folder import PAGE, write_study
 from mercator_design.show.study.tables import study_json
 from mercator_design.show.study.verdicts import all_sentences
-from mercator_design.study.analysis import analysed
-from mercator_design.study.folder import FACTS
-from mercator_design.study.race_folders import run_folders, table_of_races
-from mercator_design.study.table import COMPARED
+from mercator_design.studies.analysis import analysed
+from mercator_design.studies.folder import FACTS
+from mercator_design.studies.race_folders import run_folders, table_of_races
+from mercator_design.studies.table import COMPARED
 
 
 @click.command()

@@ -10,7 +10,7 @@ from mercator_design.cli.terminal import terminal_width, wrapped
 from mercator_design.command import print_note, print_result
 from mercator_design.show.study.folder import FIGURES, PAGE, TABLES, write_study
 from mercator_design.show.study.verdicts import headlines
-from mercator_design.study.reading import study_table
+from mercator_design.studies.reading import study_table
 
 
 @click.command()

@@ -19,13 +19,13 @@ from mercator_design.command import FILE, print_message, print_note, print_resul
 from mercator_design.race.executors.executor import Executor, ExecutorLost, ExecutorStopped, WorkerUnfit
 from mercator_design.race.session.outcome import OnFailure
 from mercator_design.show.text.progress import Mode
-from mercator_design.study.estimate import estimated
-from mercator_design.study.folder import FACTS, Part, StudyFolder
-from mercator_design.study.plan import StudyPlan, load_plan
-from mercator_design.study.reading import read_status
-from mercator_design.study.resolving import Study, resolve
-from mercator_design.study.running import StudyRun
-from mercator_design.study.statistics.comparison import MIN_DESIGNS
+from mercator_design.studies.estimate import estimated
+from mercator_design.studies.folder import FACTS, Part, StudyFolder
+from mercator_design.studies.plan import StudyPlan, load_plan
+from mercator_design.studies.reading import read_status
+from mercator_design.studies.resolving import Study, resolve
+from mercator_design.studies.running import StudyRun
+from mercator_design.studies.statistics.comparison import MIN_DESIGNS
 
 
 class PartOf(click.ParamType):  # type: ignore[type-arg]  # has no argument in click before 8.2

@@ -14,7 +14,7 @@ from mercator_design.race.executors.executor import Executor
 from mercator_design.race.session.outcome import OnFailure
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.show.text.progress import Mode
-from mercator_design.study.plan import Assessing, StudyMethod, StudyMission, StudyPlan
+from mercator_design.studies.plan import Assessing, StudyMethod, StudyMission, StudyPlan
 
 _OF_ONE_RACE = ("seed", "resume", "test_elites", "test_iterations", "optuna", "json_lines", "no_comparison")
 

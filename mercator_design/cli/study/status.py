@@ -8,8 +8,8 @@ import click
 from mercator_design.cli.options import FOLDER, JSON
 from mercator_design.cli.study.texts import status_data, status_text
 from mercator_design.command import print_result
-from mercator_design.study.folder import read_facts
-from mercator_design.study.reading import read_status
+from mercator_design.studies.folder import read_facts
+from mercator_design.studies.reading import read_status
 
 
 @click.command()

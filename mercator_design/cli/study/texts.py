@@ -5,12 +5,12 @@ from collections import Counter
 from datetime import timedelta
 
 from mercator_design.show.text.progress import Display
-from mercator_design.study.estimate import StudyEstimate
-from mercator_design.study.layout import Cell, StudyLayout
-from mercator_design.study.reading import State, StudyStatus
-from mercator_design.study.running import StudyProgress
-from mercator_design.study.statistics.comparison import MIN_DESIGNS
-from mercator_design.study.statistics.power import POWER, visible
+from mercator_design.studies.estimate import StudyEstimate
+from mercator_design.studies.layout import Cell, StudyLayout
+from mercator_design.studies.reading import State, StudyStatus
+from mercator_design.studies.running import StudyProgress
+from mercator_design.studies.statistics.comparison import MIN_DESIGNS
+from mercator_design.studies.statistics.power import POWER, visible
 
 _STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to run")
 

@@ -8,10 +8,10 @@ from mercator_design.arrays import Floats
 from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.study.verdicts import named, place_of
-from mercator_design.study.analysis import StudyResults
-from mercator_design.study.statistics.comparison import relative_ranks
-from mercator_design.study.statistics.effects import notch
-from mercator_design.study.table import Block, StudyTable
+from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.statistics.comparison import relative_ranks
+from mercator_design.studies.statistics.effects import notch
+from mercator_design.studies.table import Block, StudyTable
 
 RANK_AXIS = Axis("relative rank among the designs of a mission (0: best)", low=0.0, high=1.0)
 BOXES = (

@@ -22,9 +22,9 @@ from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
 from mercator_design.show.study.boxes import ranks_by_level
 from mercator_design.show.study.verdicts import named, place_of
-from mercator_design.study.analysis import StudyResults
-from mercator_design.study.statistics.effects import notch
-from mercator_design.study.table import Block, StudyTable
+from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.statistics.effects import notch
+from mercator_design.studies.table import Block, StudyTable
 
 WIDTH = 88.0 / 25.4
 """Width of a column [inches]."""

@@ -5,8 +5,8 @@ from pathlib import Path
 from mercator_design.show.study.figures import save_figures
 from mercator_design.show.study.page import study_page
 from mercator_design.show.study.tables import comparisons_csv, comparisons_latex, scores_latex, study_json
-from mercator_design.study.analysis import StudyResults, analysed
-from mercator_design.study.table import RUN_COLUMNS, StudyTable
+from mercator_design.studies.analysis import StudyResults, analysed
+from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 from mercator_design.system.files import write_text, writing
 
 PAGE, TABLES, FIGURES = "report.html", "tables", "figures"

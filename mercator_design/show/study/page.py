@@ -24,7 +24,7 @@ from mercator_design.show.study.verdicts import (
     ranks_sentence,
     unit_sentence,
 )
-from mercator_design.study.analysis import StudyResults
+from mercator_design.studies.analysis import StudyResults
 
 _FILES = (
     ("tables/runs.csv", "every run, a row each (tidy)"),

@@ -21,10 +21,10 @@ from mercator_design.show.study.verdicts import (
     share_text,
     unit_sentence,
 )
-from mercator_design.study.analysis import StudyResults
-from mercator_design.study.statistics.comparison import Findings, PairOnMission
-from mercator_design.study.statistics.effects import Effect
-from mercator_design.study.table import Block, StudyTable
+from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.statistics.comparison import Findings, PairOnMission
+from mercator_design.studies.statistics.effects import Effect
+from mercator_design.studies.table import Block, StudyTable
 from mercator_design.system.csv_text import csv_text
 
 COMPARISONS_HEAD = ("mission", "first", "second", "A", "medians", "means", "p (Holm)", "p", "paired p", "first is")

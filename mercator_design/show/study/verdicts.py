@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 
 from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.show.report.markup import p_text
-from mercator_design.study.analysis import StudyResults
-from mercator_design.study.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
-from mercator_design.study.statistics.effects import Effect, mirrored
-from mercator_design.study.statistics.power import MAX_SOUGHT, POWER, designs_needed
-from mercator_design.study.statistics.reality_gap import Correlation, Drop, Order
-from mercator_design.study.table import DESIGN_MODEL, StudyTable
+from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
+from mercator_design.studies.statistics.effects import Effect, mirrored
+from mercator_design.studies.statistics.power import MAX_SOUGHT, POWER, designs_needed
+from mercator_design.studies.statistics.reality_gap import Correlation, Drop, Order
+from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 _KINDS = {"budget": "budget ", "robot_model": "robot model ", "flavour": "flavour "}
 

@@ -22,8 +22,8 @@ from mercator_design.show.study.verdicts import (
     ranks_sentence,
     unit_sentence,
 )
-from mercator_design.study.analysis import analysed
-from tests.study.tables import run_rows, study_table
+from mercator_design.studies.analysis import analysed
+from tests.studies.tables import run_rows, study_table
 
 GOOD, BAD = [5, 6, 7, 8, 9], [1, 2, 3, 4, 4.5]
 TWO = {("up", "a"): GOOD, ("up", "b"): BAD, ("same", "a"): BAD, ("same", "b"): [x + 0.1 for x in BAD]}

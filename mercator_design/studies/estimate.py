@@ -9,8 +9,8 @@ from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.seeds import generator, instance_seed
 from mercator_design.software.architectures import decoded
-from mercator_design.study.layout import Cell
-from mercator_design.study.resolving import Study
+from mercator_design.studies.layout import Cell
+from mercator_design.studies.resolving import Study
 
 N_TIMED = 5
 """Experiments that are timed, after one that compiles and loads what is needed."""

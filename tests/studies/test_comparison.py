@@ -7,10 +7,10 @@ import pytest
 from scipy import stats
 
 from mercator_design.race.elimination.statistics import holm
-from mercator_design.study.statistics.comparison import compared, relative_ranks
-from mercator_design.study.statistics.rank_tests import van_elteren
-from mercator_design.study.statistics.reality_gap import reality_gap
-from tests.study.tables import run_rows, study_table
+from mercator_design.studies.statistics.comparison import compared, relative_ranks
+from mercator_design.studies.statistics.rank_tests import van_elteren
+from mercator_design.studies.statistics.reality_gap import reality_gap
+from tests.studies.tables import run_rows, study_table
 
 UP = {("up", "a"): [5, 6, 7, 8, 9], ("up", "b"): [1, 2, 3, 4, 4.5]}
 SAME = {("same", "a"): [1, 2, 3, 4, 5], ("same", "b"): [1.5, 2.5, 3.5, 4.5, 0.5]}

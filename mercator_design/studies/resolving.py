@@ -20,10 +20,10 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
 from mercator_design.software.files import read_fsm, read_header
-from mercator_design.study.layout import Cell, MissionRow, StudyLayout
-from mercator_design.study.plan import SampledRealities, StudyMethod, StudyMission, StudyPlan
-from mercator_design.study.sampling import sampled_reality
-from mercator_design.study.table import DESIGN_MODEL
+from mercator_design.studies.layout import Cell, MissionRow, StudyLayout
+from mercator_design.studies.plan import SampledRealities, StudyMethod, StudyMission, StudyPlan
+from mercator_design.studies.sampling import sampled_reality
+from mercator_design.studies.table import DESIGN_MODEL
 
 T = TypeVar("T")
 Realities = Callable[[RobotModel], list[RobotModel]]

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from mercator_design.study.statistics.comparison import Findings, compared
-from mercator_design.study.statistics.reality_gap import RealityGap, reality_gap
-from mercator_design.study.table import StudyTable
+from mercator_design.studies.statistics.comparison import Findings, compared
+from mercator_design.studies.statistics.reality_gap import RealityGap, reality_gap
+from mercator_design.studies.table import StudyTable
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from mercator_design.race.session.events import Measurement
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
-from mercator_design.study.resolving import StudiedMission
+from mercator_design.studies.resolving import StudiedMission
 from mercator_design.system.files import remove_drafts, write_text
 
 ASSESSMENT = "assessment.json"

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mercator_design.study.reading import read_status, study_table
+from mercator_design.studies.reading import read_status, study_table
 from tests.processes import LIMIT, started, wait_until
 
 pytestmark = [pytest.mark.thorough, pytest.mark.together]

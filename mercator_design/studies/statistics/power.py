@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from mercator_design.race.elimination.summary import ALPHA
-from mercator_design.study.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.rank_tests import rank_sum
 
 POWER = 0.9
 """The probability with which a difference that is called visible is found."""

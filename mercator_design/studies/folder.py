@@ -26,8 +26,8 @@ from mercator_design.config.schema import Range
 from mercator_design.config.writing import dump, plain
 from mercator_design.errors import StudyError, excerpt
 from mercator_design.results.files import is_same
-from mercator_design.study.layout import Cell, StudyLayout
-from mercator_design.study.resolving import Study
+from mercator_design.studies.layout import Cell, StudyLayout
+from mercator_design.studies.resolving import Study
 from mercator_design.system.files import remove_drafts, write_text, writing
 
 FACTS, PLAN, CELLS = "study.json", "study.yaml", "cells"

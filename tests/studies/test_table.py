@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from mercator_design.errors import StudyError
-from mercator_design.study.table import StudyTable
-from tests.study.tables import run_rows, study_table
+from mercator_design.studies.table import StudyTable
+from tests.studies.tables import run_rows, study_table
 
 SCORES = {
     ("m", "a"): [[1, 3], [5, 5]],

@@ -15,10 +15,10 @@ from scipy.stats import rankdata
 from mercator_design.arrays import Floats
 from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.elimination.summary import ALPHA
-from mercator_design.study.statistics.effects import Effect, a_effect, difference_of_means, difference_of_medians
-from mercator_design.study.statistics.power import Visible, visible
-from mercator_design.study.statistics.rank_tests import RankedBlocks, friedman, rank_sum, signed_rank, van_elteren
-from mercator_design.study.table import DESIGN_MODEL, Block, StudyTable
+from mercator_design.studies.statistics.effects import Effect, a_effect, difference_of_means, difference_of_medians
+from mercator_design.studies.statistics.power import Visible, visible
+from mercator_design.studies.statistics.rank_tests import RankedBlocks, friedman, rank_sum, signed_rank, van_elteren
+from mercator_design.studies.table import DESIGN_MODEL, Block, StudyTable
 
 MIN_DESIGNS = 2
 """Designs of each of a pair without which they are not compared."""

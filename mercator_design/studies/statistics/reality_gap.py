@@ -14,10 +14,10 @@ from scipy import stats
 
 from mercator_design.arrays import Floats
 from mercator_design.race.elimination.statistics import holm
-from mercator_design.study.statistics.comparison import Findings, PairOnMission, compared
-from mercator_design.study.statistics.effects import Effect, difference_of_medians
-from mercator_design.study.statistics.rank_tests import rank_sum, signed_rank
-from mercator_design.study.table import Block, StudyTable
+from mercator_design.studies.statistics.comparison import Findings, PairOnMission, compared
+from mercator_design.studies.statistics.effects import Effect, difference_of_medians
+from mercator_design.studies.statistics.rank_tests import rank_sum, signed_rank
+from mercator_design.studies.table import Block, StudyTable
 
 MIN_CORRELATED = 3
 """Designs without which there is no correlation."""

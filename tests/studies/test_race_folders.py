@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from mercator_design.errors import StudyError
-from mercator_design.study.race_folders import run_folders, table_of_races
+from mercator_design.studies.race_folders import run_folders, table_of_races
 
 pytestmark = pytest.mark.together
 

@@ -19,10 +19,10 @@ from mercator_design.results.files import read_provenance
 from mercator_design.results.folder import RunFolder
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request
 from mercator_design.software.files import fsm_file_text, read_fsm
-from mercator_design.study.assessment import assess, n_missing, read_assessment
-from mercator_design.study.folder import StudyFolder
-from mercator_design.study.layout import Cell
-from mercator_design.study.resolving import Study
+from mercator_design.studies.assessment import assess, n_missing, read_assessment
+from mercator_design.studies.folder import StudyFolder
+from mercator_design.studies.layout import Cell
+from mercator_design.studies.resolving import Study
 from mercator_design.system.files import write_text, writing
 
 FSM = "fsm.txt"

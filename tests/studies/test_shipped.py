@@ -5,8 +5,8 @@ import pytest
 from mercator_design.config import shipped
 from mercator_design.errors import MissionError, StudyError
 from mercator_design.plugins.loading import load_plugin
-from mercator_design.study.plan import load_plan
-from mercator_design.study.resolving import resolve
+from mercator_design.studies.plan import load_plan
+from mercator_design.studies.resolving import resolve
 
 PLUGINS = {"maps": "random_walks"}
 

@@ -12,10 +12,10 @@ from mercator_design.errors import RaceError, StudyError
 from mercator_design.race.session.journal import is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.study.assessment import n_missing, read_assessment
-from mercator_design.study.folder import CELLS, StudyFacts, read_facts
-from mercator_design.study.layout import Cell
-from mercator_design.study.table import RUN_COLUMNS, StudyTable
+from mercator_design.studies.assessment import n_missing, read_assessment
+from mercator_design.studies.folder import CELLS, StudyFacts, read_facts
+from mercator_design.studies.layout import Cell
+from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 
 State = Literal["to run", "interrupted", "running", "to assess", "done"]
 

@@ -10,15 +10,15 @@ import pytest
 from scipy import stats
 
 from mercator_design.race.elimination.statistics import holm
-from mercator_design.study.statistics.effects import (
+from mercator_design.studies.statistics.effects import (
     a_effect,
     a_measure,
     difference_of_means,
     difference_of_medians,
     notch,
 )
-from mercator_design.study.statistics.power import POWER, visible, visible_shift
-from mercator_design.study.statistics.rank_tests import friedman, rank_sum, signed_rank, van_elteren
+from mercator_design.studies.statistics.power import POWER, visible, visible_shift
+from mercator_design.studies.statistics.rank_tests import friedman, rank_sum, signed_rank, van_elteren
 from tests.tiers import some
 
 R = json.loads((Path(__file__).parents[1] / "data" / "statistics.json").read_text())

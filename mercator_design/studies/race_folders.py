@@ -12,7 +12,7 @@ from mercator_design.errors import RaceError, StudyError
 from mercator_design.results.analysis.comparison import winner_tests
 from mercator_design.results.files import JOURNAL, possible_scores, read_journal
 from mercator_design.scores import ScoreRange
-from mercator_design.study.table import DESIGN_MODEL, StudyTable
+from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 _DIGESTS = {"mission": "mission_digest", "robot_model": "robot_model_digest"}
 """The digests that tell missions and robot models of one name apart."""

@@ -15,14 +15,14 @@ from mercator_design.race.executors.executor import ExecutorStopped
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.sim.robot_model import load_robot_model
 from mercator_design.software.files import read_fsm
-from mercator_design.study.assessment import ASSESSMENT, read_assessment
-from mercator_design.study.folder import Part, StudyFolder
-from mercator_design.study.layout import Cell
-from mercator_design.study.plan import StudyPlan, load_plan
-from mercator_design.study.reading import read_status, study_table
-from mercator_design.study.resolving import resolve
-from mercator_design.study.running import StudyRun
-from mercator_design.study.sampling import sampled_reality
+from mercator_design.studies.assessment import ASSESSMENT, read_assessment
+from mercator_design.studies.folder import Part, StudyFolder
+from mercator_design.studies.layout import Cell
+from mercator_design.studies.plan import StudyPlan, load_plan
+from mercator_design.studies.reading import read_status, study_table
+from mercator_design.studies.resolving import resolve
+from mercator_design.studies.running import StudyRun
+from mercator_design.studies.sampling import sampled_reality
 from tests.tiers import some
 
 pytestmark = pytest.mark.together

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from mercator_design.study.table import DESIGN_MODEL, StudyTable
+from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 
 def run_rows(scores, *, reality=DESIGN_MODEL, budget=500, robot_model="mercator", **others):

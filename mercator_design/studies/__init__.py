@@ -1,0 +1,1 @@
+"""Studies: comparisons of design methods over missions and repetitions, of which a design is the unit."""

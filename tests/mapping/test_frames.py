@@ -75,7 +75,10 @@ def test_the_frame_with_the_most_votes_is_near_the_true_one(tracks, parts):
     assert abs(wrap(best[2] - true[2])) < math.radians(10.0)  # the refinement's first gate is 0.4 m
     assert votes > 200
     assert len(others) == 4
-    assert all(votes > 2 * other for _, other in others)
+    assert all(votes > other for _, other in others)
+    far = [other for frame, other in others if np.hypot(*(frame - true)[:2]) > 0.4]  # the others lean on the same peak
+    assert far
+    assert all(votes > 2 * other for other in far)
 
 
 def test_a_clock_that_is_wrong_by_a_quarter_of_a_second_is_corrected(tracks, parts):

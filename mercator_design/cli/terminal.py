@@ -16,7 +16,7 @@ from mercator_design.errors import Signalled
 
 
 def command_line() -> str:
-    """The command as the user gave it, for the captions of pictures."""
+    """The command as the user gave it, for the captions of pictures, or to be given again."""
     return shlex.join(["mdesign", *sys.argv[1:]])
 
 

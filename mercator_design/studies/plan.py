@@ -133,8 +133,8 @@ def _budgets_of_races(budgets: tuple[int, ...], methods: Mapping[str, StudyMetho
         yield FieldError("budgets", "missing key; expected the budgets of the races, as [500]")
 
 
-def _once(budgets: tuple[int, ...], robot_models: tuple[str, ...]) -> Iterator[FieldError]:
-    for key, values in (("budgets", budgets), ("robot_models", robot_models)):
+def _once(budgets: tuple[int, ...], robot_models: tuple[str, ...], plugins: tuple[str, ...]) -> Iterator[FieldError]:
+    for key, values in (("budgets", budgets), ("robot_models", robot_models), ("plugins", plugins)):
         if len(set(values)) < len(values):
             yield FieldError(key, "expected each value once, found one twice")
 
@@ -149,6 +149,7 @@ class StudyPlan(FromFile):
     schema: Literal[1] = 1  # version of this format
     name: Name  # by default the file's
     description: str = ""  # what the study is for
+    plugins: tuple[NamedFile, ...] = ()  # files, folders of packages, or names of installed ones; run before all else
     seed: Annotated[int, Range(0, 2**31 - 10**6)] = 1  # repetition r has race seed `seed` + r - 1 in every method
     budgets: tuple[Annotated[int, Range(1, 10**9)], ...] = ()  # experiments of a race at most
     repetitions: Annotated[int, Range(1, 10_000)] | None = None  # designs of each method on each mission

@@ -1,4 +1,7 @@
-"""Reads what a plan names (missions, robot models, flavours, control software), and finds all mistakes at once."""
+"""Reads what a plan names (missions, robot models, flavours, control software), and finds all mistakes at once.
+
+Its plugins are run first, as all else may be of them.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,7 +18,7 @@ from mercator_design.mission_sampler import sample_mission
 from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of, load_flavour
-from mercator_design.plugins.loading import loaded_plugins
+from mercator_design.plugins.loading import load_plugin, loaded_plugins
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
@@ -128,12 +131,16 @@ class Study:
 
 
 def resolve(plan: StudyPlan) -> Study:
-    """Read what a plan names.
+    """Read what a plan names, after running its plugins.
 
     Raises:
         StudyError: with the place of each mistake.
     """
     wrong = _Wrong()
+    for index, name in enumerate(plan.plugins):
+        wrong.attempt(plan.where(f"plugins[{index}]"), load_plugin, name)
+    if wrong:
+        raise StudyError(*wrong)
     missions = _missions(plan, wrong)
     models: list[RobotModel | None] = [
         wrong.attempt(plan.where(f"robot_models[{index}]"), load_robot_model, name)

@@ -4,18 +4,13 @@ import pytest
 
 from mercator_design.config import shipped
 from mercator_design.errors import MissionError, StudyError
-from mercator_design.plugins.loading import load_plugin
 from mercator_design.studies.plan import load_plan
 from mercator_design.studies.resolving import resolve
-
-PLUGINS = {"maps": "random_walks"}
 
 
 @pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize("name", shipped.studies())
 def test_shipped_studies_can_be_run(name):
-    if name in PLUGINS:
-        load_plugin(shipped.studies()[name].parents[1] / "plugins" / PLUGINS[name])
     plan = load_plan(name)
     assert plan.name == name
     assert max(plan.budgets) == 10_000

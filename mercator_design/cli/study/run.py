@@ -1,7 +1,6 @@
 """mdesign study run: runs a study, or what is new in it."""
 
 import gc
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.study.report import write_results
 from mercator_design.cli.study.texts import StudyDisplay, estimate_text, status_text
-from mercator_design.cli.terminal import Interrupt
+from mercator_design.cli.terminal import Interrupt, command_line
 from mercator_design.command import FILE, print_message, print_note, print_result, warn
 from mercator_design.race.executors.executor import Executor, ExecutorLost, ExecutorStopped, WorkerUnfit
 from mercator_design.race.session.outcome import OnFailure
@@ -107,9 +106,7 @@ def run(
         on_failure=on_failure,
         reports=not no_report,
         progress=progress,
-        again=shlex.join(
-            ["mdesign", "study", str(study), "-o", str(folder), *(word for one in overrides for word in ("--set", one))]
-        ),
+        again=command_line(),
     )
 
 

@@ -1,13 +1,12 @@
 """mdesign race --seeds: the same race with several seeds, which is the smallest study."""
 
-import shlex
-import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 from click.core import ParameterSource
 
+from mercator_design.cli.terminal import command_line
 from mercator_design.config.shipped import is_path
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors.executor import Executor
@@ -95,5 +94,5 @@ def run_seeds(
         on_failure=on_failure,
         reports=reports,
         progress=progress,
-        again=shlex.join(["mdesign", *sys.argv[1:]]),
+        again=command_line(),
     )

@@ -101,8 +101,8 @@ def rounded_up(step: float) -> float:
 
 
 def number(value: float) -> str:
-    """A number as charts show it."""
-    return f"{0.0 + value:.4g}"
+    """A number with four digits, without an exponent unless it is very large or small."""
+    return f"{0.0 + float(f'{value:.4g}'):.7g}"
 
 
 def line_chart(lines: Sequence[ChartLine], x: Axis, y: Axis) -> str:

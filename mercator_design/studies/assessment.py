@@ -5,7 +5,7 @@ The instances are those of `mdesign evaluate --seed` with the study's seed, the 
 
 import json
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -35,11 +35,30 @@ class Assessment:
     software: The text of what was assessed.
     seed: That of the study, of which the instances are.
     scores: By reality, on the instances in their order.
+    by_objective: The same of a mission with several objectives without weights: of each instance by each.
     """
 
     software: str
     seed: Annotated[int, Range(0)]
     scores: Mapping[str, tuple[Score, ...]]
+    by_objective: Mapping[str, tuple[tuple[Score, ...], ...]] = field(default_factory=dict)
+
+    def rows(self, reality: str, n_objectives: int) -> list[tuple[float, ...]]:
+        """The scores by each objective on each instance in a reality.
+
+        Raises:
+            StudyError: They are not known by each.
+        """
+        found = self.scores.get(reality, ())
+        rows: list[tuple[float, ...]] = [(score,) for score in found]
+        if n_objectives > 1:
+            rows = [*self.by_objective.get(reality, ())]
+        if len(rows) != len(found) or any(len(row) != n_objectives for row in rows):
+            raise StudyError(
+                f"expected scores of {reality} by each of {n_objectives} objectives, found others: delete it to assess "
+                "the design again"
+            )
+        return rows
 
 
 class Assessor:
@@ -72,6 +91,14 @@ def read_assessment(folder: Path) -> Assessment | None:
     except StudyError as error:
         raise StudyError(f"{error}; delete it to assess the design again") from None
     return found
+
+
+def known_rows(folder: Path, known: Assessment, reality: str, n_objectives: int) -> list[tuple[float, ...]]:
+    """As `Assessment.rows`; errors name the file."""
+    try:
+        return known.rows(reality, n_objectives)
+    except StudyError as error:
+        raise StudyError(f"{folder / ASSESSMENT}: {error}") from None
 
 
 def n_missing(known: Assessment | None, realities: Mapping[str, object] | tuple[str, ...], runs: int) -> int:
@@ -114,7 +141,9 @@ def assess(
             f"{folder / ASSESSMENT}: expected scores of the design beside it with seed {seed}, found those of another: "
             "delete it to assess the design again"
         )
-    before = {} if known is None else known.scores
+    by_each = mission.simulator.mission.is_ranked_by_all
+    n_objectives = len(mission.simulator.mission.objectives) if by_each else 1
+    before = {} if known is None else {name: known_rows(folder, known, name, n_objectives) for name in known.scores}
     simulators, items, owners = list[Simulator](), list[tuple[int, Software, int]](), list[str]()
     for name, models in mission.realities.items():
         first = len(simulators)
@@ -128,7 +157,12 @@ def assess(
     assessor = Assessor(tuple(Experimenter(one, flavour) for one in simulators))
     scores = {name: [*found] for name, found in before.items()}
     for name, measured in zip(owners, in_order(executor, assessor, items, watch, stopped), strict=True):
-        scores.setdefault(name, []).append(measured.score)
-    made = Assessment(software=text, seed=seed, scores={name: tuple(found) for name, found in scores.items()})
+        scores.setdefault(name, []).append(measured.scores if by_each else (measured.score,))
+    made = Assessment(
+        software=text,
+        seed=seed,
+        scores={name: tuple(row[0] for row in rows) for name, rows in scores.items()},
+        by_objective={name: tuple(rows) for name, rows in scores.items()} if by_each else {},
+    )
     remove_drafts(folder / ASSESSMENT)
     write_text(folder / ASSESSMENT, json.dumps(plain(made)) + "\n")

@@ -35,14 +35,25 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectiveRow:
+    """What tables say of the scores by an objective."""
+
+    name: str
+    maximise: bool
+    low: float | None  # the least possible score; None if there is none
+    high: float | None  # the largest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MissionRow:
-    """What tables say of a mission with its robot model."""
+    """What tables say of a mission with its robot model; of several objectives without weights, they show each."""
 
     name: str
     robot_model: str
     maximise: bool
     low: float | None  # the least possible score; None if there is none
     high: float | None  # the largest
+    objectives: tuple[ObjectiveRow, ...] = ()  # several, each with scores of its own
 
     @property
     def possible_scores(self) -> ScoreRange:

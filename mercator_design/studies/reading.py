@@ -12,7 +12,7 @@ from mercator_design.errors import RaceError, StudyError
 from mercator_design.race.session.journal import is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.studies.assessment import n_missing, read_assessment
+from mercator_design.studies.assessment import known_rows, n_missing, read_assessment
 from mercator_design.studies.folder import CELLS, StudyFacts, read_facts
 from mercator_design.studies.layout import Cell
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
@@ -104,17 +104,26 @@ def study_table(path: Path) -> StudyTable:
         if found is None or n_missing(found, layout.realities, layout.runs):
             continue
         start = (cell.method, mission.name, mission.robot_model, cell.budget, cell.repetition, layout.race_seed(cell))
+        names = tuple(one.name for one in mission.objectives) or ("",)
         rows += (
-            (*start, reality, instance, score)
+            (*start, reality, instance, objective, score)
             for reality in layout.realities
-            for instance, score in enumerate(found.scores[reality][: layout.runs])
+            for instance, row in enumerate(
+                known_rows(path / CELLS / cell.path, found, reality, len(names))[: layout.runs]
+            )
+            for objective, score in zip(names, row, strict=True)
         )
     if not rows:
         raise StudyError(f"{path}: expected designs that are assessed, found none yet")
-    missions = {one.name: one for one in layout.missions.values()}
+    scored = {
+        (mission.name, one.name) if mission.objectives else mission.name: one
+        for mission in layout.missions.values()
+        for one in mission.objectives or (mission,)
+    }
+    runs = pd.DataFrame(rows, columns=[*RUN_COLUMNS[:-1], "objective", RUN_COLUMNS[-1]])
     return StudyTable(
         name=facts.name,
-        runs=pd.DataFrame(rows, columns=list(RUN_COLUMNS)),
-        directions={name: "maximise" if one.maximise else "minimise" for name, one in missions.items()},
-        limits={name: (one.low, one.high) for name, one in missions.items()},
+        runs=runs if runs["objective"].any() else runs.drop(columns="objective"),
+        directions={place: "maximise" if one.maximise else "minimise" for place, one in scored.items()},
+        limits={place: (one.low, one.high) for place, one in scored.items()},
     )

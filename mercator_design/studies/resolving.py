@@ -19,11 +19,12 @@ from mercator_design.missions.mission import Mission, load_mission
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of, load_flavour
 from mercator_design.plugins.loading import load_plugin, loaded_plugins
+from mercator_design.scores import ScoreRange
 from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
 from mercator_design.software.files import read_fsm, read_header
-from mercator_design.studies.layout import Cell, MissionRow, StudyLayout
+from mercator_design.studies.layout import Cell, MissionRow, ObjectiveRow, StudyLayout
 from mercator_design.studies.plan import SampledRealities, StudyMethod, StudyMission, StudyPlan
 from mercator_design.studies.sampling import sampled_reality
 from mercator_design.studies.table import DESIGN_MODEL
@@ -48,14 +49,22 @@ class StudiedMission:
     @property
     def facts(self) -> MissionRow:
         """What tables say of it."""
-        low, high, maximise = self.simulator.mission.possible_scores()
+        mission = self.simulator.mission
+        ranges = mission.possible_by_objective() if mission.is_ranked_by_all else ()
         return MissionRow(
             name=self.name,
             robot_model=self.simulator.robot_model.name,
-            maximise=maximise,
-            low=low if math.isfinite(low) else None,
-            high=high if math.isfinite(high) else None,
+            **_range_data(mission.possible_scores()),
+            objectives=tuple(
+                ObjectiveRow(name=name, **_range_data(possible))
+                for name, possible in zip(mission.objective_names, ranges, strict=False)
+            ),
         )
+
+
+def _range_data(possible: ScoreRange) -> dict[str, Any]:
+    low, high = (limit if math.isfinite(limit) else None for limit in (possible.low, possible.high))
+    return {"maximise": possible.maximise, "low": low, "high": high}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

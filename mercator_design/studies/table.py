@@ -2,7 +2,7 @@
 
 The unit of all statistics is the design, whose score is the mean over its runs: runs of one design are not independent
 evidence on the method that made it. Designs are compared within a block: equal in all factors but the one compared, and
-assessed in the same reality.
+assessed in the same reality, by one objective. Scores by different objectives never meet.
 """
 
 import math
@@ -22,6 +22,8 @@ FACTORS = ("mission", "robot_model", "method", "flavour", "budget")
 """What may differ between designs, besides the repetition; `flavour` may be missing from a table."""
 COMPARED = FACTORS[1:]
 """The factors whose levels may be compared."""
+_OBJECTIVE = "objective"
+"""The column that a table has if missions have several objectives."""
 DESIGN_MODEL = "design"
 """The reality that is the robot model in which a design was made."""
 _NEEDED = ("method", "mission", "robot_model", "budget", "repetition", "seed", "reality")
@@ -33,12 +35,15 @@ class Block(NamedTuple):
     """Designs that may be compared: equal in all factors but one, assessed in the same reality.
 
     mission: The mission.
-    setting: The other factors that tell blocks of the table apart; the same for several missions, and often empty.
+    objective: What the scores are by, if the mission has several objectives without weights; else empty.
+    setting: The objective, and the other factors that tell blocks of the table apart; the same for several missions,
+        and often empty.
     scores: Of the designs of each level of the compared factor, by repetition and seed.
     possible: The range of the scores, and whether higher ones are better.
     """
 
     mission: str
+    objective: str
     setting: str
     scores: Mapping[str, pd.Series]
     possible: ScoreRange
@@ -64,9 +69,10 @@ class StudyTable:
     """The results of a study.
 
     name: Of the study.
-    runs: A row for each run, with RUN_COLUMNS and maybe `flavour`; empty if only means of designs are known.
-    directions: By mission.
-    limits: The least and the largest possible score of each mission; None where it is not known.
+    runs: A row for each run, with RUN_COLUMNS and maybe `flavour`; empty if only means of designs are known. With
+        the column `objective`, a row for each run and objective: empty for missions that have one.
+    directions: By mission, or by mission and objective.
+    limits: The least and the largest possible score of each; None where it is not known.
     by: The factor whose levels are compared, of COMPARED.
     designs: A row for each design and reality, with DESIGN_COLUMNS: mean score, its standard error (NaN for one run)
         and the number of runs. By default it is made of `runs`.
@@ -78,8 +84,8 @@ class StudyTable:
 
     name: str
     runs: pd.DataFrame
-    directions: Mapping[str, Direction]
-    limits: Mapping[str, tuple[float | None, float | None]]
+    directions: Mapping[str | tuple[str, str], Direction]
+    limits: Mapping[str | tuple[str, str], tuple[float | None, float | None]]
     by: str = "method"
     designs: pd.DataFrame = field(default_factory=pd.DataFrame)
 
@@ -91,8 +97,11 @@ class StudyTable:
         if self.by not in self._factors[1:]:
             expected = ", ".join(self._factors[1:])
             raise StudyError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
-        if unknown := [mission for mission in self.missions if mission not in self.directions]:
-            raise StudyError(f"study {self.name}: expected the direction of mission {unknown[0]}, found none")
+        places = self.designs.reindex(columns=["mission", "objective"], fill_value="").drop_duplicates()
+        for mission, objective in places.itertuples(index=False):
+            if _place(mission, objective) not in self.directions:
+                of = f", {objective}" * bool(objective)
+                raise StudyError(f"study {self.name}: expected the direction of mission {mission}{of}, found none")
 
     @property
     def _factors(self) -> list[str]:
@@ -105,6 +114,12 @@ class StudyTable:
         return [str(one) for one in (sorted(found) if self.by == "budget" else found)]
 
     @property
+    def by_hand(self) -> set[str]:
+        """The levels of which no race has made a design."""
+        largest = self.designs.groupby(self.by)["budget"].max()
+        return {str(level) for level, budget in largest.items() if budget == 0}
+
+    @property
     def missions(self) -> list[str]:
         return self.designs["mission"].drop_duplicates().tolist()
 
@@ -114,13 +129,14 @@ class StudyTable:
         found = self.designs["reality"].drop_duplicates().tolist()
         return sorted(found, key=lambda name: name != DESIGN_MODEL)
 
-    def possible(self, mission: str) -> ScoreRange:
-        """The range of a mission's scores, and their direction."""
-        low, high = self.limits.get(mission, (None, None))
+    def possible(self, mission: str, objective: str = "") -> ScoreRange:
+        """The range of a mission's scores, or of those by one of its objectives, and their direction."""
+        place = _place(mission, objective)
+        low, high = self.limits.get(place, (None, None))
         return ScoreRange(
             -math.inf if low is None else low,
             math.inf if high is None else high,
-            maximise=self.directions[mission] == "maximise",
+            maximise=self.directions[place] == "maximise",
         )
 
     def blocks(self, reality: str = DESIGN_MODEL) -> list[Block]:
@@ -129,23 +145,32 @@ class StudyTable:
 
     def _blocks(self, reality: str) -> Iterator[Block]:
         rows = self.designs[self.designs["reality"] == reality]
-        shared = [name for name in self._factors if name != self.by]
+        shared = [name for name in (_OBJECTIVE, *self._factors) if name in rows and name != self.by]
         if "budget" in shared:
             rows = _with_each_budget(rows)
-        shown = [name for name in shared if name != "mission" and len(rows[name].unique()) > 1]
+        unshown = {"mission", _OBJECTIVE}
+        shown = [name for name in shared if name not in unshown and len(rows[name].unique()) > 1]
         for place, group in rows.groupby(shared, sort=False, observed=True, dropna=False):
             named = dict(zip(shared, map(str, place), strict=True))
             by_level = {str(level): part for level, part in group.groupby(self.by, sort=False, observed=True)}
+            objective = named.get(_OBJECTIVE, "")
+            settings = [objective, *(f"{'budget ' * (name == 'budget')}{named[name]}" for name in shown)]
             yield Block(
                 mission=named["mission"],
-                setting=", ".join(f"{'budget ' * (name == 'budget')}{named[name]}" for name in shown),
+                objective=objective,
+                setting=", ".join(filter(None, settings)),
                 scores={
                     level: by_level[level].set_index(["repetition", "seed"])["score"].sort_index()
                     for level in self.levels
                     if level in by_level
                 },
-                possible=self.possible(str(group["mission"].iloc[0])),
+                possible=self.possible(named["mission"], objective),
             )
+
+
+def _place(mission: str, objective: str) -> str | tuple[str, str]:
+    """The key of `directions` and `limits`."""
+    return (mission, objective) if objective else mission
 
 
 def _with_each_budget(rows: pd.DataFrame) -> pd.DataFrame:
@@ -158,7 +183,7 @@ def _with_each_budget(rows: pd.DataFrame) -> pd.DataFrame:
 
 def _designs_of(runs: pd.DataFrame) -> pd.DataFrame:
     """Means over the runs of each design in each reality, in the order of the runs."""
-    key = [name for name in (*_NEEDED, "flavour") if name in runs]
+    key = [name for name in (*_NEEDED, "flavour", _OBJECTIVE) if name in runs]
     found = runs.groupby(key, sort=False, dropna=False, observed=True)["score"].agg(
         score="mean", error="sem", runs="size"
     )
@@ -176,7 +201,7 @@ def _check(name: str, rows: pd.DataFrame, columns: tuple[str, ...], *within: str
         raise StudyError(
             f"{where}: expected a score in each row, found {rows['score'][~rows['score'].map(is_score)].iloc[0]}"
         )
-    key = [column for column in (*FACTORS, "repetition", "reality", *within) if column in rows]
+    key = [column for column in (*FACTORS, "repetition", "reality", _OBJECTIVE, *within) if column in rows]
     if (twice := rows.duplicated(key)).any():
         found = ", ".join(f"{column} {rows.loc[twice, column].iloc[0]}" for column in key)
         raise StudyError(f"{where}: expected one row for each of {', '.join(key)}, found two of {found}")

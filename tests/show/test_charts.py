@@ -17,6 +17,7 @@ from mercator_design.show.charts import (
     heat_map,
     interval_chart,
     line_chart,
+    number,
     parallel_chart,
     ticks,
     viridis,
@@ -96,6 +97,22 @@ def test_ticks_are_few_round_and_inside(low, high):
     found = ticks(low, high)
     assert 1 <= len(found) <= 6
     assert all(low - 1e-9 <= one <= max(high, low + 1) for one in found)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (361523.4, "361500"),
+        (15000, "15000"),
+        (0.0, "0"),
+        (-0.0, "0"),
+        (-0.12345, "-0.1235"),
+        (1e9, "1e+09"),
+        (2e-5, "2e-05"),
+    ],
+)
+def test_numbers_are_plain(value, text):
+    assert number(value) == text
 
 
 def test_whole_ticks_and_the_scale():

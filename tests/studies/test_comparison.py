@@ -3,13 +3,15 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
 from mercator_design.race.elimination.statistics import holm
-from mercator_design.studies.statistics.comparison import compared, relative_ranks
+from mercator_design.studies.statistics.comparison import compared, ranks_by_objective, relative_ranks
 from mercator_design.studies.statistics.rank_tests import van_elteren
 from mercator_design.studies.statistics.reality_gap import reality_gap
+from mercator_design.studies.table import StudyTable
 from tests.studies.tables import run_rows, study_table
 
 UP = {("up", "a"): [5, 6, 7, 8, 9], ("up", "b"): [1, 2, 3, 4, 4.5]}
@@ -98,6 +100,32 @@ def test_relative_ranks_begin_with_the_best():
     ranks = relative_ranks(block)
     assert ranks["a"].tolist() == pytest.approx([0.0, 2.5 / 3])
     assert ranks["b"].tolist() == pytest.approx([1 / 3, 2.5 / 3])
+
+
+def test_a_design_by_hand_counts_once_by_ranks():
+    """With one design of the race better at a budget and one at the other: it has the mean of both ranks."""
+    rows = run_rows({("m", "a"): [9, 5]}) + run_rows({("m", "a"): [1, 5]}, budget=50)
+    table = study_table(rows + run_rows({("m", "hand"): [5]}, budget=0))
+    (ranks,) = ranks_by_objective(table, table.blocks()).values()
+    assert ranks["a"].tolist() == [0.0, 0.75, 1.0, 0.25]
+    assert ranks["hand"].tolist() == [0.5]
+    assert table.by_hand == {"hand"}
+
+
+def test_objectives_are_compared_and_pooled_apart():
+    missions = {("up", "a"): [5, 6, 7, 8, 9], ("up", "b"): [1, 2, 3, 4, 4.5]}
+    missions |= {(f"{mission} too", method): found for (mission, method), found in missions.items()}
+    rows = run_rows(missions, objective="most") + run_rows(missions, objective="least")
+    places = {(mission, name) for mission, _ in missions for name in ("most", "least")}
+    directions = {place: "maximise" if place[1] == "most" else "minimise" for place in places}
+    found = compared(StudyTable(name="s", runs=pd.DataFrame(rows), directions=directions, limits={}))
+    assert [(pair.block.name, pair.outcome) for pair in found.pairs] == [
+        ("up, most", "better than"),
+        ("up too, most", "better than"),
+        ("up, least", "worse than"),
+        ("up too, least", "worse than"),
+    ]
+    assert [(one.setting, one.mean_a, len(one.pairs)) for one in found.pooled] == [("most", 1.0, 2), ("least", 0.0, 2)]
 
 
 def gap(there, **others):

@@ -410,7 +410,7 @@ def test_the_page_and_files_of_a_study(copied, mdesign):
     assert "not the folder of a study" in refusal(mdesign, "study", "report", copied.parent)
 
 
-def test_scores_by_the_first_of_several_objectives_are_told(tmp_path, mdesign):
+def test_several_objectives_need_methods_that_rank_by_all(tmp_path, mdesign):
     mission = tmp_path / "two.yaml"
     code, text, _ = mdesign("missions", "show", "aggregation")
     assert code == 0
@@ -424,4 +424,3 @@ def test_scores_by_the_first_of_several_objectives_are_told(tmp_path, mdesign):
     text = text.replace("  random: {method: random, options: {instances: 5}}\n", "")
     code, _, err = mdesign("study", plan_file(tmp_path, text), "--dry-run")
     assert code == 0, err
-    assert f"two: the scores of the study are by the first of its objectives, {first['name']}" in err

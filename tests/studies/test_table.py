@@ -64,6 +64,37 @@ def test_realities_begin_with_the_design_model_and_have_blocks_of_their_own():
     assert table.blocks("other")[0].values("a").tolist() == [9.0]
 
 
+def by_objective(scores, **others):
+    """A table of the scores by each objective of {objective: {(mission, method): designs}}."""
+    rows = [row for name, found in scores.items() for row in run_rows(found, objective=name, **others)]
+    places = {(row["mission"], row["objective"]) if row["objective"] else row["mission"] for row in rows}
+    return StudyTable(
+        name="several",
+        runs=pd.DataFrame(rows),
+        directions={one: "minimise" if "length" in one else "maximise" for one in places},
+        limits={one: (0.0, 9.0) if "length" in one else (None, None) for one in places},
+    )
+
+
+def test_scores_by_several_objectives_never_meet():
+    table = by_objective(
+        {
+            "": {("n", "a"): [[5], [6]]},
+            "count": {("m", "a"): [[1, 3], [4, 4]]},
+            "length": {("m", "a"): [[7, 9], [1, 3]]},
+        }
+    )
+    one, count, length = table.blocks()
+    assert [block.name for block in (one, count, length)] == ["n", "m, count", "m, length"]
+    assert (one.setting, count.setting, length.objective) == ("", "count", "length")
+    assert count.values("a").tolist() == [2.0, 4.0]
+    assert length.values("a").tolist() == [-8.0, -2.0]
+    assert (count.possible.maximise, length.possible) == (True, (0.0, 9.0, False))
+    assert table.designs["score"].tolist() == [5, 6, 2, 4, 8, 2]
+    with pytest.raises(StudyError, match="direction of mission m, length"):
+        StudyTable(name="x", runs=table.runs, directions={"n": "maximise", ("m", "count"): "maximise"}, limits={})
+
+
 def test_a_table_of_designs_needs_no_runs():
     known = study_table(run_rows(SCORES))
     table = StudyTable(

@@ -117,11 +117,8 @@ def checked_study(plan: StudyPlan) -> Study:
         StudyError: see `resolve`.
     """
     study = resolve(plan)
-    for label, mission in study.missions.items():
+    for mission in study.missions.values():
         warn_of_mission(mission.simulator, refuse=False)
-        given = mission.simulator.mission
-        if len(objectives := given.all_objectives) > 1 and not given.weights:
-            warn(f"{label}: the scores of the study are by the first of its objectives, {objectives[0].name}")
         for flavour in {method.flavour: None for method in study.methods.values() if not method.made}:
             warn_of_no_effect(mission.simulator, flavour)
     if 0 < study.layout.repetitions < MIN_DESIGNS:

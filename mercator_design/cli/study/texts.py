@@ -94,7 +94,8 @@ def estimate_text(name: str, layout: StudyLayout, estimate: StudyEstimate, n_cel
 def _power(layout: StudyLayout) -> list[str]:
     """Which difference between two methods the study can see; nothing if it compares none."""
     raced = [layout.repetitions if n is None else n for n in layout.methods.values()]
-    n_tests = math.comb(len(raced), 2) * len(layout.missions) * max(len(layout.budgets), 1)
+    n_tests = math.comb(len(raced), 2) * max(len(layout.budgets), 1)
+    n_tests *= sum(max(len(mission.objectives), 1) for mission in layout.missions.values())
     if not n_tests or min(raced) < MIN_DESIGNS:
         return []
     found = visible(min(raced), n_tests)

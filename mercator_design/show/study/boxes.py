@@ -1,7 +1,5 @@
 """Notched boxes of designs as SVG: a row for each level, in one colour, with every design as a point."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from mercator_design.arrays import Floats
@@ -9,11 +7,11 @@ from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
-from mercator_design.studies.statistics.comparison import relative_ranks
+from mercator_design.studies.statistics.comparison import ranks_by_objective
 from mercator_design.studies.statistics.effects import notch
 from mercator_design.studies.table import Block, StudyTable
 
-RANK_AXIS = Axis("relative rank among the designs of a mission (0: best)", low=0.0, high=1.0)
+RANK = "relative rank among the designs of a mission (0: best)"
 BOXES = (
     "Box: quartiles and median; points: designs; waist and line: the notch, 1.57 interquartile ranges / sqrt(n) around "
     "the median. If the notches of two do not overlap, their medians differ at about 5 %, not corrected for the number "
@@ -45,21 +43,19 @@ def score_axis(block: Block) -> Axis:
     return Axis(f"{block.name}: score, {'maximised' if block.possible.maximise else 'minimised'}")
 
 
-def ranks_by_level(table: StudyTable, blocks: Sequence[Block]) -> dict[str, Floats]:
-    """The relative ranks of all designs of each level, over all blocks that have two levels."""
-    several = [relative_ranks(block) for block in blocks if len(block.scores) > 1]
-    found = {level: [ranks[level] for ranks in several if level in ranks] for level in table.levels}
-    return {level: np.concatenate(parts) for level, parts in found.items() if parts}
-
-
-def chart_of_ranks(results: StudyResults) -> str:
-    """The relative ranks of all designs; empty if nothing is compared."""
+def charts_of_ranks(results: StudyResults) -> list[str]:
+    """The relative ranks of all designs, a chart for each objective; none if nothing is compared."""
     table = results.table
-    ranks = ranks_by_level(table, table.blocks(results.findings.reality))
     colours = {level: k for k, level in enumerate(table.levels)}
     possible = ScoreRange(0.0, 1.0)
-    rows = [box(named(table, level), found, colours[level], possible) for level, found in ranks.items()]
-    return interval_chart(rows, RANK_AXIS) if rows else ""
+    found = ranks_by_objective(table, table.blocks(results.findings.reality))
+    return [
+        interval_chart(
+            [box(named(table, level), ranks, colours[level], possible) for level, ranks in by_level.items()],
+            Axis(f"{objective}: {RANK}" if objective else RANK, low=0.0, high=1.0),
+        )
+        for objective, by_level in found.items()
+    ]
 
 
 def chart_of_realities(table: StudyTable, name: str) -> str:

@@ -20,9 +20,9 @@ from mercator_design.errors import printable
 from mercator_design.scores import ScoreRange
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
-from mercator_design.show.study.boxes import ranks_by_level
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.statistics.comparison import ranks_by_objective
 from mercator_design.studies.statistics.effects import notch
 from mercator_design.studies.table import Block, StudyTable
 
@@ -61,7 +61,7 @@ def save_figures(folder: Path, results: StudyResults) -> list[Path]:
         figures = {
             f"scores{suffix}": _of_blocks(table, part, results.findings.reality) for suffix, part in _parts(blocks)
         }
-        if ranks := ranks_by_level(table, blocks):
+        if ranks := ranks_by_objective(table, blocks):
             figures["ranks"] = _of_ranks(table, ranks)
         if len(table.realities) > 1:
             figures |= {f"gap{suffix}": _of_blocks(table, part, *table.realities) for suffix, part in _parts(blocks)}
@@ -112,13 +112,20 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
     return figure
 
 
-def _of_ranks(table: StudyTable, ranks: Mapping[str, Floats]) -> Figure:
-    figure, legend = _figure(table, 1.7)
-    axes = figure.add_subplot()
-    boxes = [DrawnBox(level, place, ranks[level]) for level, _, place in _places(table.levels, ("",)) if level in ranks]
-    _draw(axes, table, boxes, ScoreRange(0.0, 1.0))
-    axes.set_ylabel("relative rank in a mission\n(0: best)", labelpad=2.0)
-    axes.set_ylim(1.03, -0.03)
+def _of_ranks(table: StudyTable, ranks: Mapping[str, Mapping[str, Floats]]) -> Figure:
+    """Axes for each objective."""
+    figure, legend = _figure(table, 1.7 * len(ranks))
+    for k, (objective, by_level) in enumerate(ranks.items()):
+        axes = figure.add_subplot(len(ranks), 1, k + 1)
+        boxes = [
+            DrawnBox(level, place, by_level[level])
+            for level, _, place in _places(table.levels, ("",))
+            if level in by_level
+        ]
+        _draw(axes, table, boxes, ScoreRange(0.0, 1.0))
+        axes.set_title(printable(objective), pad=3.0)
+        axes.set_ylabel("relative rank in a mission\n(0: best)", labelpad=2.0)
+        axes.set_ylim(1.03, -0.03)
     figure.legend(
         handles=legend, loc="outside upper center", ncols=3, frameon=False, handletextpad=0.3, columnspacing=1.0
     )

@@ -10,7 +10,7 @@ from mercator_design.show.markup import escaped
 from mercator_design.show.page import document
 from mercator_design.show.report.markup import Html, contents, figure, folded, note, p_text, row_of, section, table
 from mercator_design.show.report.page import asset
-from mercator_design.show.study.boxes import BOXES, chart_of_ranks, chart_of_realities, chart_of_scores
+from mercator_design.show.study.boxes import BOXES, chart_of_realities, chart_of_scores, charts_of_ranks
 from mercator_design.show.study.tables import COMPARISONS_HEAD, comparison_rows, score_rows
 from mercator_design.show.study.verdicts import (
     around,
@@ -89,14 +89,14 @@ def _scores(results: StudyResults) -> Html:
 
 
 def _ranks(results: StudyResults) -> Html:
-    chart = chart_of_ranks(results)
+    charts = charts_of_ranks(results)
     about = (
         "The rank of each design among all designs of its mission and setting: 0 is the best, 1 the worst, equal ones "
-        f"have their mean. {BOXES}"
+        f"have their mean. A design by hand that is compared at several budgets has the mean of its ranks. {BOXES}"
     )
-    drawn = Html(f'<div class="narrow">{figure(chart, about)}</div>') if chart else ""
+    drawn = [Html(f'<div class="narrow">{figure(chart, about)}</div>') for chart in charts]
     return section(
-        "ranks", "By ranks", drawn, _listed([ranks_sentence(results.table, one) for one in results.findings.ranks])
+        "ranks", "By ranks", *drawn, _listed([ranks_sentence(results.table, one) for one in results.findings.ranks])
     )
 
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from mercator_design.race.elimination.summary import ALPHA
+from mercator_design.show.charts import number
 from mercator_design.show.report.markup import p_text
 from mercator_design.show.study.verdicts import (
     around,
     headlines,
     named,
     pair_sentence,
-    plain,
     pooled_sentence,
     power_sentence,
     ranks_sentence,
@@ -42,7 +42,7 @@ def _quartiles(block: Block, level: str) -> str:
     if level not in block.scores:
         return ""
     low, middle, high = np.percentile(block.scores[level].to_numpy(float), [25, 50, 75])
-    return f"{plain(middle)} ({plain(low)} to {plain(high)}) [{len(block.scores[level])}]"
+    return f"{number(middle)} ({number(low)} to {number(high)}) [{len(block.scores[level])}]"
 
 
 def comparison_rows(table: StudyTable, findings: Findings) -> list[list[str]]:
@@ -75,6 +75,7 @@ def comparisons_csv(findings: Findings) -> str:
     ]
     head = [
         "mission",
+        "objective",
         "setting",
         "first",
         "second",
@@ -89,6 +90,7 @@ def comparisons_csv(findings: Findings) -> str:
     rows = [
         [
             pair.block.mission,
+            pair.block.objective,
             pair.block.setting,
             pair.first,
             pair.second,
@@ -170,6 +172,7 @@ def study_json(results: StudyResults) -> str:
 def _pair_data(table: StudyTable, pair: PairOnMission) -> dict[str, Any]:
     return {
         "mission": pair.block.mission,
+        "objective": pair.block.objective,
         "setting": pair.block.setting,
         "first": pair.first,
         "second": pair.second,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from mercator_design.race.elimination.summary import ALPHA
+from mercator_design.show.charts import number
 from mercator_design.show.report.markup import p_text
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
@@ -25,16 +26,10 @@ def place_of(reality: str) -> str:
     return "the design model" if reality == DESIGN_MODEL else reality
 
 
-def plain(value: float) -> str:
-    """A number with four digits, without an exponent unless it is very large or small."""
-    rounded = float(f"{value:.4g}")
-    return f"{rounded + 0.0:.10g}" if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e7 else f"{rounded:.4g}"
-
-
 def around(effect: Effect) -> str:
     """A value with its interval."""
-    limits = "" if effect.low is None or effect.high is None else f" ({plain(effect.low)} to {plain(effect.high)})"
-    return f"{plain(effect.value)}{limits}"
+    limits = "" if effect.low is None or effect.high is None else f" ({number(effect.low)} to {number(effect.high)})"
+    return f"{number(effect.value)}{limits}"
 
 
 def unit_sentence(table: StudyTable) -> str:
@@ -82,7 +77,7 @@ def pair_sentence(table: StudyTable, pair: PairOnMission) -> str:
     names, effect, outcome = (pair.first, pair.second), pair.a, pair.outcome
     if outcome == "worse than":
         names, effect, outcome = (pair.second, pair.first), mirrored(pair.a), "better than"
-    medians = " and ".join(plain(float(pair.block.scores[level].median())) for level in names)
+    medians = " and ".join(number(float(pair.block.scores[level].median())) for level in names)
     first, second = (named(table, level) for level in names)
     return (
         f"{pair.block.name}: {first} is {outcome} {second} (A = {share_text(effect)}, medians {medians}, "
@@ -161,18 +156,22 @@ def drop_sentence(table: StudyTable, drop: Drop) -> str:
     word = "lose" if drop.median > 0 else "gain"
     relative = f", {abs(drop.median / drop.model):.0%}" if drop.model else ""
     return (
-        f"{drop.block}: designs of {named(table, drop.level)} {word} {plain(abs(drop.median))} in the median in "
-        f"{drop.reality} ({plain(drop.model)} to {plain(drop.there)}{relative}; {p_text(drop.p_value)})."
+        f"{drop.block}: designs of {named(table, drop.level)} {word} {number(abs(drop.median))} in the median in "
+        f"{drop.reality} ({number(drop.model)} to {number(drop.there)}{relative}; {p_text(drop.p_value)})."
     )
 
 
 def correlation_sentence(correlations: Sequence[Correlation], reality: str) -> str:
     """How well the design model predicts the order of designs in another reality; empty if it is not known."""
-    known = [one.rho for one in correlations if one.reality == reality and one.rho is not None]
-    if not known:
+    found = [(one.mission, one.rho) for one in correlations if one.reality == reality and one.rho is not None]
+    if not found:
         return ""
-    low, high = min(known), max(known)
-    spread = f"{low:.2f}" if len(known) == 1 else f"{low:.2f} to {high:.2f} in {len(known)} comparisons"
+    missions, known = {mission for mission, _ in found}, [rho for _, rho in found]
+    spread = f"{min(known):.2f}"
+    if len(known) > 1:
+        spread += f" to {max(known):.2f} on {len(missions)} mission{'s' * (len(missions) != 1)}"
+    if len(known) > len(missions):
+        spread += f" in {len(known)} settings"
     return f"The order of designs in the design model and in {reality} correlates with {spread} (Spearman's rho)."
 
 

@@ -192,6 +192,28 @@ def _ranks(levels: Sequence[str], blocks: Sequence[Block]) -> list[AllByRanks]:
     return found
 
 
+def ranks_by_objective(table: StudyTable, blocks: Sequence[Block]) -> dict[str, dict[str, Floats]]:
+    """The relative ranks of all designs by objective and level, over all blocks that have two levels.
+
+    A design by hand, which is compared at each budget, counts once for each mission, with the mean of its ranks.
+    """
+    found: dict[str, dict[str, dict[tuple[object, ...], list[float]]]] = {}
+    for block in (one for one in blocks if len(one.scores) > 1):
+        for level, ranks in relative_ranks(block).items():
+            designs = found.setdefault(block.objective, {}).setdefault(level, {})
+            setting = () if level in table.by_hand else (block.setting,)
+            for design, rank in zip(block.scores[level].index, ranks.tolist(), strict=True):
+                designs.setdefault((block.mission, *setting, design), []).append(rank)
+    return {
+        objective: {
+            level: np.array([np.mean(ranks) for ranks in by_level[level].values()])
+            for level in table.levels
+            if level in by_level
+        }
+        for objective, by_level in found.items()
+    }
+
+
 def relative_ranks(block: Block) -> dict[str, Floats]:
     """The rank of each design in its block, by level: 0 is the best, 1 the worst, equal ones have the mean."""
     levels = [*block.scores]

@@ -82,6 +82,7 @@ class Correlation(NamedTuple):
     rho: Spearman's coefficient over the designs of all levels; None if all scores are equal.
     """
 
+    mission: str
     block: str
     reality: str
     n_designs: int
@@ -163,6 +164,6 @@ def _correlation(model: Block, there: Block, reality: str) -> list[Correlation]:
     if len(before) < MIN_CORRELATED:
         return []
     if not (np.ptp(before) and np.ptp(after)):
-        return [Correlation(model.name, reality, len(before), None, None)]
+        return [Correlation(model.mission, model.name, reality, len(before), None, None)]
     found = stats.spearmanr(before, after)
-    return [Correlation(model.name, reality, len(before), float(found.statistic), float(found.pvalue))]
+    return [Correlation(model.mission, model.name, reality, len(before), float(found.statistic), float(found.pvalue))]

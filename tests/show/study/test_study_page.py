@@ -13,10 +13,10 @@ from PIL import Image
 from mercator_design.show.study.folder import write_study
 from mercator_design.show.study.tables import latex
 from mercator_design.show.study.verdicts import (
+    correlation_sentence,
     headlines,
     order_sentences,
     pair_sentence,
-    plain,
     pooled_sentence,
     power_sentence,
     ranks_sentence,
@@ -98,11 +98,15 @@ def test_rank_inversions_are_said():
     ]
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(361523.4, "361500"), (0.0, "0"), (-0.12345, "-0.1235"), (1e9, "1e+09"), (2e-5, "2e-05")]
-)
-def test_numbers_are_plain(value, text):
-    assert plain(value) == text
+def test_a_correlation_says_on_how_many_missions_it_is():
+    def said(*budgets):
+        rows = [row for budget in budgets for row in run_rows(TWO, budget=budget)]
+        rows += [row | {"reality": "field"} for row in rows]
+        return correlation_sentence(analysed(study_table(rows)).gap.correlations, "field")
+
+    start = "The order of designs in the design model and in field correlates with 1.00"
+    assert said(500) == f"{start} to 1.00 on 2 missions (Spearman's rho)."
+    assert said(50, 500) == f"{start} to 1.00 on 2 missions in 4 settings (Spearman's rho)."
 
 
 def test_latex_shows_any_text():

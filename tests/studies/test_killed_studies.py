@@ -1,25 +1,63 @@
-"""Studies in processes that are killed, and on other executors: the tables do not depend on it."""
+"""Studies in processes that are killed, and on other executors: the tables do not depend on it.
+
+A process sends the signal to itself at a moment of its work, so nothing depends on how fast it is.
+"""
 
 import os
-import random
 import signal
 import sys
 
 import pytest
 
 from mercator_design.studies.reading import read_status, study_table
-from tests.processes import LIMIT, started, wait_until
+from tests.processes import LIMIT, started
 
 pytestmark = [pytest.mark.thorough, pytest.mark.together]
 
-MDESIGN = (sys.executable, "-c", "from mercator_design.cli import main; main()")
 PLAN = """
-budgets: [100]
+budgets: [60]
 repetitions: 2
 methods: {halving: {}, random: {method: random}}
-missions: [{mission: aggregation, set: [duration=10, robots=5]}]
+missions: [{mission: aggregation, set: [duration=2, robots=3]}]
 assess: {runs: 20, realities: [{sample: 3, width: 0.5}]}
 """
+TOTAL = 4 * (60 + 2 * 20)
+
+AT_MOMENT = """
+import os, sys
+from pathlib import Path
+
+from mercator_design.cli import main
+from mercator_design.cli.study.texts import StudyDisplay
+
+number, what, count = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+sys.argv[1:4] = []
+show, renamed = StudyDisplay.note, []
+
+
+def note(display, progress):
+    show(display, progress)
+    if what == "experiment" and progress.done - progress.known == count and progress.is_new:
+        os.kill(os.getpid(), number)
+
+
+def before(event, arguments):
+    if event == "os.rename" and Path(os.fsdecode(arguments[1])).name == what:
+        renamed.append(arguments)
+        if len(renamed) == count:
+            os.kill(os.getpid(), number)
+
+
+StudyDisplay.note = note
+sys.addaudithook(before)
+main()
+"""
+"""mdesign in a process that gets a signal when `count` experiments have run in it, or when it is about to put the
+`count`-th file of a name in its place, next to which its draft lies."""
+
+
+def signalled(number, what, count):
+    return [sys.executable, "-c", AT_MOMENT, int(number), what, count]
 
 
 @pytest.fixture(scope="module")
@@ -35,41 +73,33 @@ def whole(plan, mdesign_once):
     return study_table(plan.parent / "whole")
 
 
-def done(folder):
-    return read_status(folder).done if (folder / "study.json").exists() else 0
-
-
-def test_the_tables_of_a_study_that_was_killed(plan, whole, tmp_path):
-    """At moments that lie between what has run and its end, wherever a process then is."""
-    draws, folder, total = random.Random(1), tmp_path / "killed", 4 * (100 + 2 * 20)
-    command = [*MDESIGN, "study", plan, "-o", folder, "-q", "-j", 2]
-    for _ in range(4):
-        before = done(folder)
-        target = before + draws.randrange((total - before) // 2)
-        with started(*command) as process:
-            wait_until(lambda target=target, process=process: process.poll() is not None or done(folder) > target)
-            process.kill()
-            assert process.wait(LIMIT) in {0, -signal.SIGKILL}
-    with started(*command) as process:
-        assert process.wait(LIMIT) == 0
+def test_the_tables_of_a_study_that_was_killed(plan, whole, tmp_path, mdesign_once):
+    """In a race, before its winner is written, and before an assessment is written; the last process ends the study."""
+    folder, done = tmp_path / "killed", 0
+    for what, count in (("experiment", 37), ("fsm.txt", 1), ("assessment.json", 2)):
+        command = ("study", plan, "-o", folder, "-q", "-j", 2)
+        with started(*signalled(signal.SIGKILL, what, count), *command) as process:
+            assert process.wait(LIMIT) == -signal.SIGKILL, what
+        assert done <= (done := read_status(folder).done) < TOTAL
+    mdesign_once("study", plan, "-o", folder, "-q")
     assert study_table(folder).runs.equals(whole.runs)
     assert study_table(folder).designs.equals(whole.designs)
+    assert not [*folder.rglob(".*-????????")], "drafts that nothing removes"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, os.EX_TEMPFAIL)])
 def test_signals_end_a_study_with_the_command_that_resumes_it(number, code, plan, tmp_path):
     folder = tmp_path / "stopped"
-    with started(*MDESIGN, "study", plan, "-o", folder, "-j", 2, stderr=-1) as process:
-        wait_until(lambda: process.poll() is not None or done(folder) > 20)
-        process.send_signal(number)
+    with started(
+        *signalled(number, "experiment", 20), "study", plan, "-o", folder, "-j", 2, "--part", "1/2", stderr=-1
+    ) as process:
         _, err = process.communicate(timeout=LIMIT)
     assert process.returncode == code, err
-    assert f"to resume: mdesign study {plan} -o {folder}" in err
+    assert f"to resume: mdesign study {plan} -o {folder} -j 2 --part 1/2" in err
     assert "Traceback" not in err
-    assert 20 < done(folder) < 560
+    assert 20 <= read_status(folder).done < TOTAL / 2
 
 
-def test_worker_processes_give_the_same_tables(plan, whole, tmp_path):
-    with started(*MDESIGN, "study", plan, "-o", tmp_path / "p", "-q", "--executor", "processes", "-j", 2) as process:
-        assert process.wait(LIMIT) == 0
+def test_worker_processes_give_the_same_tables(plan, whole, tmp_path, mdesign_once):
+    mdesign_once("study", plan, "-o", tmp_path / "p", "-q", "--executor", "processes", "-j", 2)
     assert study_table(tmp_path / "p").runs.equals(whole.runs)

@@ -12,6 +12,7 @@ from mercator_design.studies.statistics.effects import notch
 from mercator_design.studies.table import Block, StudyTable
 
 RANK = "relative rank among the designs of a mission (0: best)"
+ONE_OBJECTIVE = "missions with one objective"
 BOXES = (
     "Box: quartiles and median; points: designs; waist and line: the notch, 1.57 interquartile ranges / sqrt(n) around "
     "the median. If the notches of two do not overlap, their medians differ at about 5 %, not corrected for the number "
@@ -52,7 +53,7 @@ def charts_of_ranks(results: StudyResults) -> list[str]:
     return [
         interval_chart(
             [box(named(table, level), ranks, colours[level], possible) for level, ranks in by_level.items()],
-            Axis(f"{objective}: {RANK}" if objective else RANK, low=0.0, high=1.0),
+            Axis(f"{objective or ONE_OBJECTIVE}: {RANK}" if len(found) > 1 else RANK, low=0.0, high=1.0),
         )
         for objective, by_level in found.items()
     ]

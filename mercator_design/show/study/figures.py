@@ -20,6 +20,7 @@ from mercator_design.errors import printable
 from mercator_design.scores import ScoreRange
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
+from mercator_design.show.study.boxes import ONE_OBJECTIVE
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import ranks_by_objective
@@ -123,7 +124,7 @@ def _of_ranks(table: StudyTable, ranks: Mapping[str, Mapping[str, Floats]]) -> F
             if level in by_level
         ]
         _draw(axes, table, boxes, ScoreRange(0.0, 1.0))
-        axes.set_title(printable(objective), pad=3.0)
+        axes.set_title(printable(objective) if objective or len(ranks) == 1 else ONE_OBJECTIVE, pad=3.0)
         axes.set_ylabel("relative rank in a mission\n(0: best)", labelpad=2.0)
         axes.set_ylim(1.03, -0.03)
     figure.legend(

@@ -93,7 +93,7 @@ def pooled_sentence(table: StudyTable, pooled: PairPooled) -> str:
         first, second, mean_a, outcome, better, worse = second, first, 1.0 - mean_a, "better than", worse, better
     n = len(pooled.pairs)
     alike = n - len(better) - len(worse)
-    where = "" if not pooled.setting else f" at {pooled.setting}"
+    where = "" if not pooled.setting else f" ({pooled.setting})"
     return (
         f"Over {n} missions{where}, {named(table, first)} is {outcome} {named(table, second)} (van Elteren's test, "
         f"{p_text(pooled.p_holm)}; mean A {mean_a:.2f}): better on {_counted(better, n)}, worse on "
@@ -117,7 +117,7 @@ def ranks_sentence(table: StudyTable, by_ranks: AllByRanks) -> str:
         for b in order[place + 1 :]
         if ranked.p_values[a, b] < ALPHA
     ]
-    where = "" if not by_ranks.setting else f" at {by_ranks.setting}"
+    where = "" if not by_ranks.setting else f" ({by_ranks.setting})"
     text = (
         f"Mean ranks{where} over {ranked.n_blocks} {by_ranks.what}: {means} (Friedman's test, {p_text(ranked.p_value)})"
     )

@@ -11,7 +11,7 @@ from mercator_design.cli.options import FLAVOUR
 from mercator_design.command import FILE, LENIENT, print_error, print_note, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
-from mercator_design.config.yaml_tree import Fault, Node, compose, text_of
+from mercator_design.config.yaml_tree import Fault, Node, compose_all, text_of
 from mercator_design.errors import FsmError, MissionError, StudyError, printable
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
@@ -108,10 +108,10 @@ def _described(file: Path, flavour: str | None, lenient: bool) -> str:
 def _content(file: Path) -> dict[str, Node]:
     """The keys of a YAML file; empty if it has none, or is not a YAML file."""
     try:
-        content = compose(text_of(file), str(file), file.parent).content
+        tree, _ = compose_all(text_of(file), str(file), file.parent)  # who loads the file tells its mistakes
     except Fault:
         return {}
-    return content if isinstance(content, dict) else {}
+    return tree.content if isinstance(tree.content, dict) else {}
 
 
 def _only_of(kind: Kind, *others: Kind) -> set[str]:

@@ -87,6 +87,9 @@ def _one_or_several(
         yield FieldError("objective", f"expected either objective or objectives, found {found}")
     elif len(objectives) == 1:
         yield FieldError("objectives", "expected two or more, found one: write it as objective")
+    for k, one in enumerate(objectives):
+        if one in objectives[:k]:
+            yield FieldError(f"objectives[{k}]", f"expected another one than objectives[{objectives.index(one)}]")
     if weights and len(weights) != len(objectives):
         expected = f"expected none, or one for each of {len(objectives)} objectives"
         yield FieldError("weights", f"{expected}, found {len(weights)}")

@@ -97,11 +97,17 @@ class StudyTable:
         if self.by not in self._factors[1:]:
             expected = ", ".join(self._factors[1:])
             raise StudyError(f"study {self.name}: expected to compare by one of {expected}, found {self.by}")
-        places = self.designs.reindex(columns=["mission", "objective"], fill_value="").drop_duplicates()
-        for mission, objective in places.itertuples(index=False):
+        rows = self.designs.reindex(columns=["mission", "objective", "score"], fill_value="")
+        for place, scores in rows.groupby(["mission", "objective"], sort=False)["score"]:
+            mission, objective = map(str, place)
+            where = f"study {self.name}: mission {mission}" + f", {objective}" * bool(objective)
             if _place(mission, objective) not in self.directions:
-                of = f", {objective}" * bool(objective)
-                raise StudyError(f"study {self.name}: expected the direction of mission {mission}{of}, found none")
+                raise StudyError(f"{where}: expected its direction, found none")
+            possible = self.possible(mission, objective)
+            if impossible := [score for score in scores if not possible.has(score)]:
+                raise StudyError(
+                    f"{where}: expected scores from {possible.low:g} to {possible.high:g}, found {impossible[0]:g}"
+                )
 
     @property
     def _factors(self) -> list[str]:

@@ -75,9 +75,16 @@ def test_files_and_digests(tmp_path):
     assert mission.digest != parse_mission(SEVERAL).digest
     assert not {"objective", "weights"} & plain(parse_mission(SEVERAL)).keys()
     assert not {"objectives", "weights"} & plain(load_mission("aggregation")).keys()
-    twice = parse_mission(f"{HEAD}objectives: [{SECOND}, {SECOND}, {FIRST}]")
+    twice = parse_mission(
+        f"{HEAD}objectives: [{SECOND}, {SECOND}, {FIRST}]", overrides=["objectives[1].direction=maximise"]
+    )
     assert twice.objective_names == ("path_length", "path_length (2)", "robots_in_zone")
     assert parse_mission(SEVERAL, overrides=["objectives[1].direction=maximise"]).goal.endswith("maximise path_length")
+
+
+def test_an_objective_twice_is_refused():
+    with pytest.raises(MissionError, match=r"objectives\[1\]: expected another one than objectives\[0\]"):
+        parse_mission(f"{HEAD}objectives: [{SECOND}, {SECOND}, {FIRST}]")
 
 
 def test_an_objective_that_cannot_differ_is_refused_by_its_place():

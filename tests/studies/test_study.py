@@ -357,6 +357,10 @@ def test_validate_knows_studies(tmp_path, mdesign):
     code, _, err = mdesign("validate", plan_file(tmp_path, PLAN.replace("repetitions: 2\n", "")))
     assert code == 3
     assert "repetitions: missing key" in err
+    code, _, err = mdesign("validate", plan_file(tmp_path, PLAN + "repetitions: 3\n"))
+    assert code == 3
+    assert "duplicate key 'repetitions'" in err
+    assert "unknown key" not in err
 
 
 def test_the_schema_of_studies(mdesign):

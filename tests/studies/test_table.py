@@ -24,6 +24,12 @@ def test_a_design_has_the_mean_of_its_runs_and_its_error():
     assert len(designs) == 8
 
 
+def test_scores_that_are_not_possible_are_refused():
+    assert len(study_table(run_rows(SCORES), limits=(0.0, 5.0)).designs) == 8
+    with pytest.raises(StudyError, match="mission m: expected scores from 0 to 4, found 5"):
+        study_table(run_rows(SCORES), limits=(0.0, 4.0))
+
+
 def test_a_block_is_a_mission_and_higher_values_are_better():
     block, other = study_table(run_rows(SCORES)).blocks()
     assert (block.name, other.name) == ("m", "n")
@@ -91,7 +97,7 @@ def test_scores_by_several_objectives_never_meet():
     assert length.values("a").tolist() == [-8.0, -2.0]
     assert (count.possible.maximise, length.possible) == (True, (0.0, 9.0, False))
     assert table.designs["score"].tolist() == [5, 6, 2, 4, 8, 2]
-    with pytest.raises(StudyError, match="direction of mission m, length"):
+    with pytest.raises(StudyError, match="mission m, length: expected its direction"):
         StudyTable(name="x", runs=table.runs, directions={"n": "maximise", ("m", "count"): "maximise"}, limits={})
 
 
@@ -120,5 +126,5 @@ def test_wrong_tables_are_refused(change, words):
 def test_a_factor_that_is_no_column_and_a_mission_without_direction_are_refused():
     with pytest.raises(StudyError, match="one of robot_model, method, budget, found flavour"):
         study_table(run_rows(SCORES), by="flavour")
-    with pytest.raises(StudyError, match="direction of mission m"):
+    with pytest.raises(StudyError, match="mission m: expected its direction"):
         StudyTable(name="x", runs=pd.DataFrame(run_rows(SCORES)), directions={}, limits={})

@@ -22,11 +22,13 @@ def front_part(facts: Facts) -> Html:
     n = sum(one.is_on_front for one in designs)
     where = f"on {len(designs[0].scores[0].values)} fresh instances" if designs[0].is_fresh else "in the race"
     optimistic = "" if designs[0].is_fresh else " They were chosen by these runs, so the figures are optimistic."
+    winner = next(one for one in designs if one.configuration == facts.record.view.leader)
+    dominated = "" if winner.is_on_front else f" On these runs, the winner ({winner.configuration}) is dominated."
     about = note(
         f"{mission.goal[0].upper()}{mission.goal[1:]}: nothing sums these. {n} of the {len(designs)} designs that "
         f"were compared are on the front: by their means {where}, no other is as good in all and better in one."
         f"{optimistic} The winner has the smallest sum of ranks in the race, a compromise; another design of the front "
-        "may suit better."
+        f"may suit better.{dominated}"
     )
     places = combinations(range(len(mission.objectives)), 2)
     charts = [figure(_trade_off(facts, designs, mission, *pair), _CAPTION) for pair in places]

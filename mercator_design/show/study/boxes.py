@@ -16,16 +16,19 @@ ONE_OBJECTIVE = "missions with one objective"
 BOXES = (
     "Box: quartiles and median; points: designs; waist and line: the notch, 1.57 interquartile ranges / sqrt(n) around "
     "the median. If the notches of two do not overlap, their medians differ at about 5 %, not corrected for the number "
-    "of comparisons. A waist ends with its box."
+    "of comparisons. A waist ends with its box. Fewer than five designs have a median and no box."
 )
 """What a box shows, for a caption."""
+MIN_BOXED = 5
+"""Designs of which quartiles and notches say something."""
 
 
 def box(name: str, values: Floats, colour: int, possible: ScoreRange = ANY_SCORE) -> Dot:
     """A row of a chart of boxes."""
     low, middle, high = np.percentile(values, [25, 50, 75]).tolist()
-    start, end = possible.clipped(*notch(values))
-    quartiles = (low, middle, high) if len(values) > 1 else None
+    is_boxed = len(values) >= MIN_BOXED
+    start, end = possible.clipped(*notch(values)) if is_boxed else (middle, middle)
+    quartiles = (low, middle, high) if is_boxed else None
     return Dot(name, middle, start, end, values.tolist(), f"n = {len(values)}", colour, quartiles, is_notched=True)
 
 

@@ -20,7 +20,7 @@ from mercator_design.errors import printable
 from mercator_design.scores import ScoreRange
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
-from mercator_design.show.study.boxes import ONE_OBJECTIVE
+from mercator_design.show.study.boxes import MIN_BOXED, ONE_OBJECTIVE
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import ranks_by_objective
@@ -101,7 +101,7 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
         if not block.possible.maximise:
             axes.set_ylabel("score (minimised)", labelpad=2.0)
         elif k % columns == 0:
-            axes.set_ylabel("score", labelpad=2.0)
+            axes.set_ylabel("score (maximised)", labelpad=2.0)
         if len(realities) > 1:
             places = _places(table.levels, realities)
             axes.set_xticks([place for _, _, place in places], [signs[reality] for _, reality, _ in places])
@@ -163,7 +163,9 @@ def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: Sc
     for box in boxes:
         k = numbers[box.level]
         colour = _colour(k)
-        if len(box.values) > 1:
+        if len(box.values) < MIN_BOXED:
+            axes.hlines(np.median(box.values), box.place - 0.31, box.place + 0.31, colors=[colour], linewidth=1.3)
+        else:
             axes.boxplot(
                 [box.values],
                 positions=[box.place],

@@ -27,7 +27,18 @@ from mercator_design.studies.statistics.effects import Effect
 from mercator_design.studies.table import Block, StudyTable
 from mercator_design.system.csv_text import csv_text
 
-COMPARISONS_HEAD = ("mission", "first", "second", "A", "medians", "means", "p (Holm)", "p", "paired p", "first is")
+COMPARISONS_HEAD = (
+    "mission",
+    "first",
+    "second",
+    "A",
+    "difference of medians",
+    "of means",
+    "p (Holm)",
+    "p",
+    "paired p",
+    "first is",
+)
 _LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
     letter: f"\\{letter}" for letter in "&%$#_{}"
 }
@@ -210,18 +221,13 @@ def _minus(numbers: str) -> str:
 
 
 def scores_latex(table: StudyTable, blocks: Sequence[Block]) -> str:
-    """Medians with quartiles, a row for each mission; the best median of a row is bold."""
-    rows = []
-    for block in blocks:
-        best = max((float(np.median(block.values(level))) for level in block.scores), default=0.0)
-        cells = []
-        for level in table.levels:
-            text = _minus(_quartiles(block, level).split(" [")[0])
-            is_best = level in block.scores and float(np.median(block.values(level))) == best
-            cells.append(f"\\textbf{{{text}}}" if is_best and len(block.scores) > 1 else text)
-        rows.append([latex(block.name), *cells])
+    """Medians with quartiles, a row for each mission."""
+    rows = [
+        [latex(block.name), *(_minus(_quartiles(block, level).split(" [")[0]) for level in table.levels)]
+        for block in blocks
+    ]
     head = ["mission", *(latex(named(table, level)) for level in table.levels)]
-    about = "Medians of the designs' mean scores, with quartiles. Bold: the best median."
+    about = "Medians of the designs' mean scores, with quartiles."
     return _tabular(about, head, rows, "l" + "r" * len(table.levels))
 
 

@@ -27,9 +27,13 @@ def place_of(reality: str) -> str:
 
 
 def around(effect: Effect) -> str:
-    """A value with its interval."""
-    limits = "" if effect.low is None or effect.high is None else f" ({number(effect.low)} to {number(effect.high)})"
-    return f"{number(effect.value)}{limits}"
+    """A value with its interval, with the digits that the interval leaves certain and one more."""
+    if effect.low is None or effect.high is None:
+        return number(effect.value)
+    width = effect.high - effect.low
+    digits = 1 - math.floor(math.log10(width)) if width > 0 else 6
+    value, low, high = (round(one, digits) for one in (effect.value, effect.low, effect.high))
+    return f"{number(value)} ({number(low)} to {number(high)})"
 
 
 def unit_sentence(table: StudyTable) -> str:
@@ -153,11 +157,11 @@ def order_sentences(table: StudyTable, orders: Sequence[Order]) -> Iterator[str]
 
 def drop_sentence(table: StudyTable, drop: Drop) -> str:
     """What the designs of a level lose in another reality."""
-    word = "lose" if drop.median > 0 else "gain"
-    relative = f", {abs(drop.median / drop.model):.0%}" if drop.model else ""
+    word = "loss" if drop.median >= 0 else "gain"
+    relative = f" ({abs(drop.median / drop.model):.0%} of their median score)" if drop.model else ""
     return (
-        f"{drop.block}: designs of {named(table, drop.level)} {word} {number(abs(drop.median))} in the median in "
-        f"{drop.reality} ({number(drop.model)} to {number(drop.there)}{relative}; {p_text(drop.p_value)})."
+        f"{drop.block}: in {drop.reality}, the median {word} of a design of {named(table, drop.level)} is "
+        f"{number(abs(drop.median))}{relative}; {p_text(drop.p_value)}."
     )
 
 

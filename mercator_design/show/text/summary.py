@@ -142,14 +142,16 @@ def front_lines(designer: Designer, record: Record) -> list[str]:
     designs = [one for one in front_of(designer, record) if one.is_on_front]
     if not designs:
         return []
+    winner = record.view.winner
+    dominated = [] if any(one.configuration == winner for one in designs) else ["the winner is dominated on these runs"]
     mission = designer.simulator.mission
     named = zip(mission.objective_names, mission.all_objectives, strict=True)
     rows: list[tuple[object, ...]] = [("configuration", *(f"{name} ({one.direction})" for name, one in named), "")]
     for one in designs:
         figures = (f"{mean:.4g} ± {error:.2g}" for mean, error in zip(one.means, one.errors, strict=True))
-        rows.append((one.configuration, *figures, "winner" if one.configuration == record.view.winner else ""))
+        rows.append((one.configuration, *figures, "winner" if one.configuration == winner else ""))
     where = "on fresh instances" if designs[0].is_fresh else "in the race, optimistic"
-    lines = (f"           {line}" for line in aligned(rows))
+    lines = (f"           {line}" for line in [*aligned(rows), *dominated])
     return [f"Front      {where}, mean ± standard error; files front-N.txt:", *lines]
 
 

@@ -25,7 +25,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator
 
 
-@click.command("map", short_help="Map what the elites of a race see, and tell which maps best.")
+@click.command()
 @click.argument("directory", type=FOLDER)
 @click.option(
     "--elites",
@@ -45,7 +45,7 @@ from mercator_design.sim.simulate import Simulator
 @JSON
 @PLUGIN
 @PROGRESS
-def map_elites(
+def map(  # noqa: A001 - the verb's name
     directory: Path,
     most: int,
     runs: int,

@@ -2,15 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import Final
 
 import click
 
 from mercator_design.api import fresh_instances
 from mercator_design.cli.evaluate import measured
 from mercator_design.cli.options import CSV, FOLDER, JOBS, JSON, PLUGIN, PROGRESS, plot_of, seed_of
-from mercator_design.cli.races.maps import map_elites
 from mercator_design.cli.terminal import Interrupt, command_line, terminal_width
-from mercator_design.command import print_message, print_note, print_result, warn
+from mercator_design.command import LazyGroup, LazyVerb, print_message, print_note, print_result, warn
 from mercator_design.race.executors.threads import ThreadExecutor
 from mercator_design.results.analysis.ablation import race_ablation
 from mercator_design.results.analysis.importance import race_importance
@@ -40,10 +40,13 @@ from mercator_design.show.text.runs import (
 )
 from mercator_design.system.files import write_text, writing
 
+VERBS: Final = {
+    "map": LazyVerb("mercator_design.cli.races.maps", "Map what the elites of a race see, and tell which maps best."),
+}
 _TABLES = {"experiments": experiments_table, "configurations": configurations_table, "tests": tests_table}
 
 
-@click.group(invoke_without_command=True)
+@click.group(cls=LazyGroup, lazy=VERBS, invoke_without_command=True)
 @click.pass_context
 def runs(context: click.Context) -> None:
     """List, show, compare, verify and analyse races.
@@ -220,6 +223,3 @@ def ablation(
     if plot is not None:
         with writing(plot):
             save_ablation(plot, result, caption=command_line())
-
-
-runs.add_command(map_elites)

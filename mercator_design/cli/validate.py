@@ -6,12 +6,12 @@ from typing import Any
 
 import click
 
+from mercator_design.cli.contents import content_of, is_study
 from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import FLAVOUR
 from mercator_design.command import FILE, LENIENT, print_error, print_note, print_result, read_controller, warn
 from mercator_design.config import shipped, spelling
 from mercator_design.config.schema import Kind, fields_of
-from mercator_design.config.yaml_tree import Fault, Node, compose_all, text_of
 from mercator_design.errors import FsmError, MissionError, StudyError, printable
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.missions.mission import Mission, load_mission
@@ -53,8 +53,8 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """Describe a valid file in a few words."""
     names = {*shipped.missions(), *shipped.robot_models()}
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
-        content = _content(file)
-        if {"methods", "missions"} <= content.keys():
+        content = content_of(file)
+        if is_study(content):
             from mercator_design.studies.plan import load_plan  # pandas comes with these
             from mercator_design.studies.resolving import resolve
 
@@ -103,15 +103,6 @@ def _described(file: Path, flavour: str | None, lenient: bool) -> str:
     pfsm = found.software
     transitions = sum(len(state.transitions) for state in pfsm.states)
     return f"valid {pfsm.flavour} FSM, {_count(len(pfsm.states), 'state')}, {_count(transitions, 'transition')}"
-
-
-def _content(file: Path) -> dict[str, Node]:
-    """The keys of a YAML file; empty if it has none, or is not a YAML file."""
-    try:
-        tree, _ = compose_all(text_of(file), str(file), file.parent)  # who loads the file tells its mistakes
-    except Fault:
-        return {}
-    return tree.content if isinstance(tree.content, dict) else {}
 
 
 def _only_of(kind: Kind, *others: Kind) -> set[str]:

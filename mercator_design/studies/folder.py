@@ -110,6 +110,11 @@ class StudyFolder:
                 return cls(path, facts, locks.pop_all())
 
 
+def lock_file(path: Path) -> Path:
+    """The file that is locked while a process runs a study."""
+    return path / _LOCKS / _WHOLE
+
+
 def read_facts(path: Path) -> StudyFacts:
     """Read what a study's folder says of itself.
 

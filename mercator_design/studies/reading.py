@@ -9,12 +9,12 @@ from typing import Any, Literal
 import pandas as pd
 
 from mercator_design.errors import RaceError, StudyError
-from mercator_design.race.session.journal import is_locked
+from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
 from mercator_design.studies.assessment import known_rows, n_missing, read_assessment
 from mercator_design.studies.folder import CELLS, StudyFacts, read_facts
-from mercator_design.studies.layout import Cell
+from mercator_design.studies.layout import Cell, StudyLayout
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 
 State = Literal["to run", "interrupted", "running", "to assess", "done"]
@@ -63,12 +63,51 @@ def read_status(path: Path) -> StudyStatus:
     Raises:
         StudyError: It is no study's folder, or something in it is damaged.
     """
-    facts = read_facts(path)
-    return StudyStatus(name=facts.name, cells=tuple(_status(path, facts, cell) for cell in facts.layout.cells))
+    return StudyReading(path).read()
 
 
-def _status(path: Path, facts: StudyFacts, cell: Cell) -> CellStatus:
-    folder, layout = path / CELLS / cell.path, facts.layout
+class StudyReading:
+    """Reads the state of a study again and again: of journals what is new, of designs that are done nothing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._layout: StudyLayout | None = None
+        self._done: dict[Cell, CellStatus] = {}  # of this layout
+        self._journals: dict[Cell, Reading] = {}
+
+    def read(self) -> StudyStatus:
+        """The state now.
+
+        Raises:
+            StudyError: as `read_status`.
+        """
+        facts = read_facts(self.path)
+        if facts.layout != self._layout:
+            self._layout, self._done = facts.layout, {}
+        cells = [self._done.get(cell) or self._status(facts, cell) for cell in facts.layout.cells]
+        self._done = {one.cell: one for one in cells if one.state == "done"}
+        return StudyStatus(name=facts.name, cells=tuple(cells))
+
+    def _status(self, facts: StudyFacts, cell: Cell) -> CellStatus:
+        folder = self.path / CELLS / cell.path
+        try:
+            return _status(folder, facts.layout, cell, self._journals)
+        except RaceError as error:
+            raise StudyError(*error.messages) from None
+
+
+def _status(folder: Path, layout: StudyLayout, cell: Cell, journals: dict[Cell, Reading]) -> CellStatus:
+    """The state of a cell.
+
+    Args:
+        folder: Its run folder.
+        layout: Of the study.
+        cell: The cell.
+        journals: Readings of the journals of races that have not ended; entered here.
+
+    Raises:
+        RaceError, StudyError: Something is damaged.
+    """
     assessment = read_assessment(folder)
     missing = n_missing(assessment, layout.realities, layout.runs)
     total = layout.n_experiments(cell)
@@ -82,12 +121,11 @@ def _status(path: Path, facts: StudyFacts, cell: Cell) -> CellStatus:
         return status("to assess" if assessment is not None else "to run", missing)
     if not (folder / PROVENANCE).exists():
         return status("to run", total)
-    try:
-        if read_provenance(folder).finished:
-            return status("to assess", missing)
-        n_raced = len(read_journal(folder).record.experiments)
-    except RaceError as error:
-        raise StudyError(*error.messages) from None
+    if read_provenance(folder).finished:
+        journals.pop(cell, None)
+        return status("to assess", missing)
+    journals[cell] = read_journal(folder, journals.get(cell))
+    n_raced = len(journals[cell].record.experiments)
     return status("running" if is_locked(folder / JOURNAL) else "interrupted", missing + cell.budget - n_raced)
 
 

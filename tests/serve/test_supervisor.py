@@ -770,17 +770,17 @@ class TestTimeLeft:
 
     @staticmethod
     def running(budget=100, n_before=0):
-        status = SimpleNamespace(view=SimpleNamespace(n_experiments=n_before))
+        status = SimpleNamespace(n_experiments=n_before)
         return RunningRace(None, None, status, None, unsaved_since=0.0, budget=budget, n_before=n_before)
 
     def test_it_is_that_of_the_pace_since_the_first_experiment(self):
         run = self.running(n_before=5)
         assert run.left(60.0) is None  # it compiles
-        run.status.view.n_experiments = 10
+        run.status.n_experiments = 10
         assert run.left(61.0) is None
-        run.status.view.n_experiments = 19
+        run.status.n_experiments = 19
         assert run.left(62.0) is None  # too few to tell
-        run.status.view.n_experiments = 30
+        run.status.n_experiments = 30
         assert run.left(63.0) == 70 * 2.0 / 20
-        run.status.view.n_experiments = 100
+        run.status.n_experiments = 100
         assert run.left(70.0) == 0.0

@@ -12,6 +12,9 @@ from mercator_design.serve.cli.service import EPILOG, JOB, SERVICE, connected
 from mercator_design.serve.client.fetch import fetch_file, fetch_folder
 from mercator_design.system.files import replacing, writing
 
+STUDY = "study.json"
+"""A file that every study has, and no run folder."""
+
 
 @click.command(epilog=EPILOG)
 @JOB
@@ -24,9 +27,10 @@ from mercator_design.system.files import replacing, writing
 @click.option("--file", "name", metavar="NAME", help="Fetch this file alone, for example fsm.txt.")
 @SERVICE
 def fetch(job: str, output: Path | None, name: str | None, server: str) -> None:
-    """Fetch the run folder of JOB, as `mdesign race` writes it, or one of its files.
+    """Fetch the folder of JOB, as `mdesign race` or `mdesign study` writes it, or one of its files.
 
-    The folder appears when it is complete; `mdesign runs verify` and `mdesign report` work on it.
+    The folder appears when it is complete; `mdesign runs verify` and `mdesign report` work on a run folder, `mdesign
+    study status` and `mdesign study report` on a study's.
     """
     with connected(server) as connection:
         if name is not None and output is not None:
@@ -43,5 +47,6 @@ def fetch(job: str, output: Path | None, name: str | None, server: str) -> None:
             folder = output or Path(job)
             with writing(folder):
                 names = fetch_folder(connection, job, folder)
-            check = f"mdesign runs verify {shlex.quote(str(folder))}"
+            verb = "study status" if STUDY in names else "runs verify"
+            check = f"mdesign {verb} {shlex.quote(str(folder))}"
             print_message(f"Written {folder}: {len(names)} files; to check it: {check}")

@@ -15,11 +15,15 @@ from mercator_design.show.text.progress import Mode
 
 @click.command(epilog=EPILOG)
 @JOB
-@click.option("--json-lines", is_flag=True, help="Print each event of the race on stdout as a line of JSON.")
+@click.option(
+    "--json-lines",
+    is_flag=True,
+    help="Print each event of the race on stdout as a line of JSON, or each state of the study.",
+)
 @PROGRESS
 @SERVICE
 def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
-    """Follow JOB until it has ended, and show its progress as `mdesign watch` does.
+    """Follow JOB until it has ended, and show its progress as `mdesign watch` does, or that of the whole study.
 
     After a lost connection, it continues where it was. Ctrl-C ends this command only, not the job.
 
@@ -27,7 +31,7 @@ def follow(job: str, json_lines: bool, progress: Mode, server: str) -> None:
     """
 
     def each(received: JobEvent) -> None:
-        if json_lines and received.kind != STATE:
+        if json_lines and (received.kind != STATE or received.data.get("kind") == "study"):
             print_result(json.dumps(received.data))
 
     with connected(server) as connection:

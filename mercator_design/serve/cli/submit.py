@@ -1,18 +1,21 @@
-"""mdesign submit: submits a design job to a service."""
+"""mdesign submit: submits a race or a study to a service."""
 
 import json
 import secrets
 import time
 from pathlib import Path
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
+from mercator_design.cli.contents import content_of, is_study
 from mercator_design.cli.options import SEED, SET
 from mercator_design.cli.races.common import method_option
 from mercator_design.command import print_message, print_result, warn
-from mercator_design.config.shipped import is_path
+from mercator_design.config.shipped import is_path, missions, studies
 from mercator_design.config.yaml_tree import text_of
-from mercator_design.errors import MissionError
+from mercator_design.errors import MissionError, StudyError
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.race.methods.table import DEFAULT_METHOD
 from mercator_design.results.analysis.comparison import TEST_RUNS
@@ -21,11 +24,15 @@ from mercator_design.serve.client.connection import ConnectionLost
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
 
 _TRIES = 3
+_OF_RACES = ("budget", "seed", "flavour", "method", "test_runs", "overrides")
+"""Options that a study has in its file."""
 
 
 @click.command(epilog=EPILOG)
 @click.argument("mission")
-@click.option("--budget", type=click.IntRange(1, MAX_BUDGET), required=True, help="Maximum number of experiments.")
+@click.option(
+    "--budget", type=click.IntRange(1, MAX_BUDGET), help="Maximum number of experiments; required for a mission."
+)
 @SEED
 @click.option(
     "--flavour",
@@ -56,7 +63,7 @@ _TRIES = 3
 @SERVICE
 def submit(
     mission: str,
-    budget: int,
+    budget: int | None,
     seed: int,
     flavour: str,
     method: str,
@@ -66,27 +73,39 @@ def submit(
     as_json: bool,
     server: str,
 ) -> None:
-    """Submit a job that designs control software for MISSION, and print its name.
+    """Submit a job that designs control software for MISSION, or runs a study, and print its name.
 
     MISSION is a YAML file, or the name of a shipped mission (see `mdesign missions`). The file may not name other files
     of this machine, because only its text is sent. --budget, --seed, --flavour, --method, --test-runs and --set mean
     the same as for `mdesign race`.
 
+    A file with the keys of a study, or the name of a shipped study, is run as by `mdesign study run`. Its missions are
+    shipped ones, perhaps with overrides, and sampled ones; control software of files is not sent.
+
     Exit codes: 3, the service refuses the mission or the request; 1, it cannot be reached or cannot take the job.
     """
-    body: dict[str, object] = {
-        "budget": budget, "seed": seed, "flavour": flavour, "method": method, "test_runs": test_runs,
-        "priority": priority, "set": [*overrides],
-    }  # fmt: skip
-    if is_path(mission):
-        body["mission_text"] = text_of(Path(mission), error=MissionError)
+    if (study := _study(mission)) is not None:
+        context = click.get_current_context()
+        for option in (one for one in context.command.params if one.name in _OF_RACES):
+            if context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE:
+                raise click.UsageError(f"{option.opts[0]} is of a race: {mission} is a study, which has it in its file")
+        path, body = "/studies", study | {"priority": priority}
+    elif budget is None:
+        raise click.UsageError("Missing option '--budget'.")
     else:
-        body["mission"] = mission
+        path, body = "/jobs", {
+            "budget": budget, "seed": seed, "flavour": flavour, "method": method, "test_runs": test_runs,
+            "priority": priority, "set": [*overrides],
+        }  # fmt: skip
+        if is_path(mission):
+            body["mission_text"] = text_of(Path(mission), error=MissionError)
+        else:
+            body["mission"] = mission
     headers = {"Idempotency-Key": secrets.token_hex(16)}  # if the answer is lost, it is submitted once
     with connected(server) as connection:
         for left in reversed(range(_TRIES)):
             try:
-                answer = connection.call("POST", "/jobs", json=body, headers=headers)
+                answer = connection.call("POST", path, json=body, headers=headers)
                 break
             except ConnectionLost:
                 if not left:
@@ -96,3 +115,11 @@ def submit(
         job = answer["job"]
         print_result(json.dumps(job, indent=2) if as_json else job["id"])
         print_message(f"Submitted; its page: {connection.page(job['id'])}")
+
+
+def _study(name: str) -> dict[str, Any] | None:
+    """A study by its file or its name, as the service takes it; None if it is no study."""
+    if is_path(name):
+        file = Path(name)
+        return {"study_text": text_of(file, error=StudyError)} if is_study(content_of(file)) else None
+    return {"study": name} if name in studies().keys() - missions().keys() else None

@@ -17,7 +17,7 @@ _MAX_FILES = 10_000
 
 
 def file_names(connection: Connection, job: str) -> list[str]:
-    """Names of the files of a job's run folder; the journal is last, so that it is not older than the others.
+    """Names of the files of a job's folder; journals are last, so that they are not older than the others.
 
     Raises:
         ClientError: There is no such job, or its files cannot be written here.
@@ -33,7 +33,7 @@ def file_names(connection: Connection, job: str) -> list[str]:
         path = PurePosixPath(name)
         if path.is_absolute() or not path.parts or ".." in path.parts or "\0" in name or str(path) != name:
             raise ClientError(f"{connection.server}: expected the name of a file, found {excerpt(name)}")
-    return sorted(names, key=lambda name: (name == JOURNAL, name))
+    return sorted(names, key=lambda name: (PurePosixPath(name).name == JOURNAL, name))
 
 
 def fetch_file(connection: Connection, job: str, name: str, to: BinaryIO) -> None:
@@ -59,7 +59,7 @@ def fetch_folder(connection: Connection, job: str, folder: Path) -> list[str]:
         raise ClientError(f"{folder}: expected a new or empty folder, found files in it")
     names = file_names(connection, job)
     if not names:
-        raise ClientError(f"{job}: has no files yet: its race has not begun")
+        raise ClientError(f"{job}: has no files yet: it has not begun")
     with _draft(folder) as draft:
         for name in names:
             path = draft / name

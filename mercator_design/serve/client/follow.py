@@ -16,7 +16,7 @@ from mercator_design.race.session.events import event_of
 from mercator_design.race.session.view import RaceView
 from mercator_design.serve.client.connection import ClientError, Connection, ConnectionLost
 from mercator_design.serve.jobs.job import ENDED
-from mercator_design.show.text.progress import Mode, RaceDisplay
+from mercator_design.show.text.progress import Display, Mode, RaceDisplay
 
 STATE = "state"
 """Kind of the events that hold the job itself."""
@@ -119,6 +119,8 @@ def follow(
         budget, known = int(now["budget"]), int(now["experiments"])
     except (KeyError, TypeError, ValueError):
         raise ClientError(f"{connection.server}: expected a job, found something else") from None
+    if now.get("kind") == "study":
+        return _follow_study(connection, now, mode, announce=announce, each=each, sleep=sleep)
     plan = Progress(iteration=1, iterations=0, alive=0, used=0, budget=budget, best=None)
     view, said = RaceView(budget), ""
     with RaceDisplay(raced, view, None, mode, plan=plan) as display:
@@ -137,6 +139,29 @@ def follow(
                     raise ClientError(f"{connection.server}: {error.messages[0]}") from None
                 view.note(event)
                 display.note(event)
+    return now
+
+
+def _follow_study(
+    connection: Connection,
+    now: dict[str, Any],
+    mode: Mode,
+    *,
+    announce: Callable[[str], None],
+    each: Callable[[JobEvent], None],
+    sleep: Sleep,
+) -> dict[str, Any]:
+    """As `follow`, of a study: its events are its states, with the experiments of the whole."""
+    job, said = str(now["id"]), ""
+    with Display(str(now["name"]), int(now["budget"]), mode) as display:
+        display.known = int(now["experiments"])
+        for received in events_of(connection, job, announce=announce, sleep=sleep):
+            each(received)
+            now = received.data
+            display.show(int(now.get("experiments", 0)))
+            if (words := _state_text(now)) != said and now.get("state") not in ENDED:
+                announce(f"{job}: {words}")
+            said = words
     return now
 
 

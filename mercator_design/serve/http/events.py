@@ -64,7 +64,8 @@ async def follow(
 
     The events are those of its journal, as `mdesign race --json-lines` prints them; the id of each is its place in the
     journal, so a client that comes back with Last-Event-ID misses none. Between them come events of the kind `state`,
-    with the job, at the beginning and after each change but that of its experiments and of its time.
+    with the job, at the beginning and after each change but that of its experiments and of its time. A study
+    has no journal: all its events are of the kind `state`, also when experiments have run.
     """
     return EventSourceResponse(_stream(service, user, row.id, place), headers=_HEADERS)
 
@@ -84,7 +85,8 @@ async def _stream(service: Service, user: User, identity: str, place: int) -> As
         except ValueError as error:  # damaged; a client that comes back gets the problem
             _log.warning("job %s: its journal: %s", identity, error)
             return
-        if (current := replace(now, job=replace(now.job, seconds=0.0), experiments=0, left=None)) != shown:
+        experiments = now.experiments if now.is_study else 0
+        if (current := replace(now, job=replace(now.job, seconds=0.0), experiments=experiments, left=None)) != shown:
             shown = current
             state = JournalEvent(place, b"state", JobAnswer.of(now).model_dump_json().encode())
             yield _text([state])

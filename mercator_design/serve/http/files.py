@@ -23,13 +23,13 @@ _PAGE_POLICY = (
     "img-src data:; frame-ancestors 'self'"
 )
 """Content policy of the pages in run folders: their scripts run without the rights of the service's pages."""
-_KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png"}
+_KINDS = {".html": "text/html; charset=utf-8", ".png": "image/png", ".pdf": "application/pdf"}
 _CHUNK = 256 * 1024  # bytes that are sent at a time
 
 
 @router.get("/jobs/{id}/files")
 def files(service: TheService, row: VisibleJob) -> list[File]:
-    """List the files of a job's run folder."""
+    """List the files of a job's folder, with those in folders in it."""
     found = []
     for name, path in sorted(files_of(service.store.run_folder(row.id)).items()):
         with contextlib.suppress(FileNotFoundError):  # just removed
@@ -39,19 +39,21 @@ def files(service: TheService, row: VisibleJob) -> list[File]:
 
 @router.get("/jobs/{id}/files/{name:path}", response_class=StreamingResponse)
 def file(service: TheService, row: VisibleJob, name: Annotated[str, InPath(max_length=400)]) -> StreamingResponse:
-    """Fetch a file of a job's run folder: fsm.txt, report.html, results.csv, journal.jsonl, ..."""
+    """Fetch a file of a job's folder: fsm.txt, report.html, results.csv, journal.jsonl, ..."""
     try:
         path = files_of(service.store.run_folder(row.id))[name]
         opened = path.open("rb")
     except (KeyError, FileNotFoundError):  # the latter: just removed
         raise Missing(f"{row.id} has no file {name}") from None
     # A journal grows while it is sent, and other files are replaced: what is sent is as long as the answer says.
-    length = end_of(opened) if name == JOURNAL else os.fstat(opened.fileno()).st_size
+    length = end_of(opened) if path.name == JOURNAL else os.fstat(opened.fileno()).st_size
     headers = {
         "Content-Length": str(length),
         "Content-Security-Policy": _PAGE_POLICY,
         "X-Content-Type-Options": "nosniff",
     }
+    if path.suffix == ".pdf":  # browsers show none in a sandbox
+        headers["Content-Disposition"] = "attachment"
     kind = _KINDS.get(path.suffix, "text/plain; charset=utf-8")
     return StreamingResponse(_first_bytes(opened, length), headers=headers, media_type=kind)
 

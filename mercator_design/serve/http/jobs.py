@@ -6,9 +6,18 @@ from fastapi import APIRouter, Header, Query, Response
 
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES
-from mercator_design.serve.http.schemas import JobAnswer, JobChange, JobPage, JobRequest, Order, Submitted
-from mercator_design.serve.jobs.job import State
+from mercator_design.serve.http.schemas import (
+    JobAnswer,
+    JobChange,
+    JobPage,
+    JobRequest,
+    Order,
+    StudyToSubmit,
+    Submitted,
+)
+from mercator_design.serve.jobs.job import State, StudyRequest
 from mercator_design.serve.workers.missions import check_request
+from mercator_design.serve.workers.studies import check_study
 
 router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=RESPONSES)
 
@@ -25,6 +34,22 @@ def submit(service: TheService, user: TheUser, body: JobRequest, response: Respo
     service.jobs.check_disk(user.name)
     checked = service.workers.run(check_request, request, service.settings.limits)
     row = service.jobs.submit(user.name, checked.name, checked.direction, request, key)
+    response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
+    return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))
+
+
+@router.post("/studies", status_code=201)
+def submit_study(
+    service: TheService, user: TheUser, body: StudyToSubmit, response: Response, key: Key = ""
+) -> Submitted:
+    """Submit a study as a job. With the same Idempotency-Key, the same job is returned, and none is added."""
+    if key and service.index.find_by_key(user.name, key) is not None:
+        response.status_code = 200
+    else:
+        service.jobs.check_disk(user.name)
+    checked = service.workers.run(check_study, body.study, body.study_text, service.settings.limits)
+    request = StudyRequest(**body.model_dump(), budget=checked.experiments)
+    row = service.jobs.submit(user.name, checked.name, "", request, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))
 

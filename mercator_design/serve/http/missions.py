@@ -15,7 +15,7 @@ from mercator_design.config.yaml_tree import text_of
 from mercator_design.errors import MissionError
 from mercator_design.serve.http.context import TheService, TheUser, VisibleJob
 from mercator_design.serve.http.problems import RESPONSES, Missing
-from mercator_design.serve.http.requested import mission_of_job
+from mercator_design.serve.http.requested import mission_of_job, requested_of_job
 from mercator_design.serve.http.schemas import JobRequest, MissionToCheck, MissionToShow, TextToComplete
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import Job
@@ -24,7 +24,6 @@ from mercator_design.serve.service import Service
 from mercator_design.serve.workers.completion import Completions, completions
 from mercator_design.serve.workers.estimates import Cost, cost_of
 from mercator_design.serve.workers.missions import MissionReview, mission_schema, mission_text, picture, review
-from mercator_design.serve.workers.sources import MissionSource
 from mercator_design.show.text.missions import missions_facts
 
 router = APIRouter(prefix="/api/v1", tags=["missions"], responses=RESPONSES)
@@ -145,8 +144,7 @@ def text_of_job(service: Service, row: IndexRow) -> str:
 
     Raises:
         MissionError: It cannot be submitted, for example because it has an image.
-        NotPossible: Its run folder is not of a mission.
+        NotPossible: Its run folder is not of a mission, or it is a study.
     """
-    is_ours = row.is_job
-    source = MissionSource.of(service.store.request(row.id)) if is_ours else mission_of_job(service, row)
+    source = requested_of_job(service, row) if row.is_job else mission_of_job(service, row)
     return service.workers.run(mission_text, source, service.settings.limits)

@@ -14,6 +14,7 @@ from mercator_design.serve.http.context import TheService, TheUser, visible_job
 from mercator_design.serve.http.machines.schemas import FsmBody, MissionBody, StructuredFsm
 from mercator_design.serve.http.problems import Missing
 from mercator_design.serve.jobs.index import IndexRow
+from mercator_design.serve.jobs.job import StudyRequest
 from mercator_design.serve.jobs.operations import NotPossible
 from mercator_design.serve.jobs.store import MISSION
 from mercator_design.serve.service import Service
@@ -54,14 +55,26 @@ def mission_of_job(service: Service, row: IndexRow) -> MissionSource:
     """The mission of a job: that of its run folder; before its race has begun, that of its request.
 
     Raises:
-        NotPossible: Its run folder is not of a mission.
+        NotPossible: Its run folder is not of a mission, or it is a study.
     """
     folder = run_folder(service, row)
     if (folder / MISSION).exists():
         return MissionSource(folder=folder)
     if not row.is_job:
         raise NotPossible(f"{row.id}: expected the run folder of a mission, found one without {MISSION}")
-    return MissionSource.of(service.store.request(row.id))
+    return requested_of_job(service, row)
+
+
+def requested_of_job(service: Service, row: IndexRow) -> MissionSource:
+    """The mission of a job's request.
+
+    Raises:
+        NotPossible: It is a study, which has several.
+    """
+    request = service.store.request(row.id)
+    if isinstance(request, StudyRequest):
+        raise NotPossible(f"{row.id}: expected a race, found a study: its missions are in {request.FILE}")
+    return MissionSource.of(request)
 
 
 def fsm_of_job(service: Service, row: IndexRow, name: str = "") -> FsmSource:

@@ -9,7 +9,7 @@ from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
-from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest
+from mercator_design.serve.jobs.job import KINDS, MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest
 from mercator_design.serve.workers.sources import MissionSource
 
 MAX_TEXT = 262_144
@@ -108,6 +108,18 @@ class JobRequest(MissionGiven):
         return RaceRequest(**self.model_dump() | {"set": tuple(self.set)})
 
 
+class StudyToSubmit(Body):
+    """A study to submit: a shipped one by its name, or the text of a study's file, which may not name files."""
+
+    study: Annotated[str, Field(max_length=200, description="Name of a shipped study.")] = ""
+    study_text: Annotated[MissionText | None, Field(description="A study's file (YAML), instead of a name.")] = None
+    priority: Annotated[
+        int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
+    ] = 0
+
+    _of_one = one_of("study", "study_text")
+
+
 class JobChange(Body):
     """Changes of a job; what is not given stays."""
 
@@ -122,20 +134,21 @@ class _RowAnswer(BaseModel):
     @classmethod
     def of(cls, row: IndexRow) -> "JobAnswer":
         """Answer for a row of the index."""
-        known = asdict(row)
+        known: dict[str, Any] = {"method": "", "flavour": "", "seed": 0}  # those of a study are in its file
+        known |= asdict(row)
         known |= known.pop("job")
         known |= known.pop("request")
         return cls(**{name: known[name] for name in cls.model_fields})
 
 
 _ANSWERED = (
-    "id", "owner", "name", "state", "message", "method", "flavour", "seed", "budget", "priority", "experiments", "best",
-    "measured", "direction", "submitted", "ended", "seconds", "left", "shared",
+    "id", "kind", "owner", "name", "state", "message", "method", "flavour", "seed", "budget", "priority", "experiments",
+    "best", "measured", "direction", "submitted", "ended", "seconds", "left", "shared",
 )  # fmt: skip
 if TYPE_CHECKING:
     JobAnswer: TypeAlias = _RowAnswer
 else:  # fields of a row, of its job and of the job's request
-    _TYPES = get_type_hints(Job) | get_type_hints(RaceRequest) | get_type_hints(IndexRow)
+    _TYPES = get_type_hints(Job) | get_type_hints(RaceRequest) | get_type_hints(IndexRow) | {"kind": Literal[KINDS]}
     _ROW_FIELDS = {name: (_TYPES[name], ...) for name in _ANSWERED}
     JobAnswer = create_model("JobAnswer", __base__=_RowAnswer, __doc__=_RowAnswer.__doc__, **_ROW_FIELDS)
 

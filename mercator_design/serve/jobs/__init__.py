@@ -1,1 +1,1 @@
-"""Jobs: each designs control software for a mission, by one race in one run folder."""
+"""Jobs: each is one race in one run folder, or one study in the folder of a study."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mercator_design.serve.database import database
-from mercator_design.serve.jobs.job import Job, RaceRequest, State
+from mercator_design.serve.jobs.job import Job, RaceRequest, Request, State, StudyRequest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +31,11 @@ class IndexRow:
         return self.job.id
 
     @property
+    def is_study(self) -> bool:
+        """Whether it is a study, not a race."""
+        return isinstance(self.job.request, StudyRequest)
+
+    @property
     def is_job(self) -> bool:
         """Whether it is a job of this service; otherwise a run folder that was in the data folder."""
         return self.job.owner != ""
@@ -44,7 +49,12 @@ _COLUMNS = {
 """Columns of queries -> attributes of a row; one more column holds the whole row as JSON."""
 ORDERS = ("submitted", "name", "owner", "state", "budget", "experiments", "best", "priority")
 _values = attrgetter(*_COLUMNS.values())
-_VERSION = zlib.crc32(repr([[one.name for one in fields(kind)] for kind in (IndexRow, Job, RaceRequest)]).encode()) >> 1
+_VERSION = (
+    zlib.crc32(
+        repr([[one.name for one in fields(kind)] for kind in (IndexRow, Job, RaceRequest, StudyRequest)]).encode()
+    )
+    >> 1
+)
 """Version of the table: an index of rows with other fields is made again."""
 
 
@@ -177,16 +187,20 @@ class Index:
             return [self._known[identity] for identity, _ in found]
 
 
-def _fields_of(one: IndexRow | Job | RaceRequest) -> dict[str, object]:
+def _fields_of(one: IndexRow | Job | Request) -> dict[str, object]:
     return {name: getattr(one, name) for name in one.__slots__}
 
 
 def _row_of(text: str) -> IndexRow:
     row = json.loads(text)
     job = row["job"]
-    request = job["request"]
-    request["set"] = tuple(request["set"])
-    return IndexRow(**row | {"job": Job(**job | {"request": RaceRequest(**request)})})
+    given = job["request"]
+    request: Request
+    if given["kind"] == "study":
+        request = StudyRequest(**given)
+    else:
+        request = RaceRequest(**given | {"set": tuple(given["set"])})
+    return IndexRow(**row | {"job": Job(**job | {"request": request})})
 
 
 def _prepare(db: sqlite3.Connection) -> None:

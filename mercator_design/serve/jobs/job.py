@@ -1,7 +1,8 @@
-"""A job: a request, and its state. The run folder has the race itself; the file of a job has the rest."""
+"""A job: a request, and its state. The folder of its race or study has the rest, but what is in the file of the job."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_args
 
 from mercator_design.config.schema import Length, Name, OneOf, Range
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
@@ -12,6 +13,8 @@ STATES: tuple[State, ...] = get_args(State)
 ENDED: tuple[State, ...] = ("finished", "failed", "cancelled")
 """Final states, until a user resumes or extends the job."""
 MAX_BUDGET, MAX_TESTS, MAX_PRIORITY, MAX_SEED = 10**9, 10**6, 100, 2**63 - 1
+KINDS = ("race", "study")
+"""What a job runs."""
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
 
 
@@ -19,6 +22,9 @@ Wish: TypeAlias = Literal["run", "pause", "cancel"]
 class RaceRequest:
     """Request of a race, in the terms of `mdesign race`; the same value from a route of the API to the job."""
 
+    FILE: ClassVar = "mission.yaml"  # of its text
+
+    kind: Literal["race"] = "race"
     mission: str  # name of a shipped mission; empty: mission_text is one
     mission_text: str | None = None  # of a mission file; of a job's file, it is in a file beside it
     set: tuple[str, ...] = ()  # overrides of the mission
@@ -29,6 +35,48 @@ class RaceRequest:
     test_runs: Annotated[int, Range(0, MAX_TESTS)] = TEST_RUNS
     priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # among its user's jobs; a higher one runs first
 
+    @property
+    def text(self) -> str | None:
+        """The user's text, if any."""
+        return self.mission_text
+
+    def with_text(self, text: str | None) -> Self:
+        return replace(self, mission_text=text)
+
+    @property
+    def experiments(self) -> Mapping[str, int]:
+        """Numbers of experiments that a service limits, by the names of their keys."""
+        return {"budget": self.budget, "test_runs": self.test_runs}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRequest:
+    """Request of a study, in the terms of `mdesign study run`."""
+
+    FILE: ClassVar = "study.yaml"  # of its text
+
+    kind: Literal["study"] = "study"
+    study: str  # name of a shipped study; empty: study_text is one
+    study_text: str | None = None  # of a study's file; of a job's file, it is in a file beside it
+    budget: Annotated[int, Range(1, MAX_BUDGET)]  # experiments of the whole at most, with those of the assessments
+    priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # as of races
+
+    @property
+    def text(self) -> str | None:
+        """The user's text, if any."""
+        return self.study_text
+
+    def with_text(self, text: str | None) -> Self:
+        return replace(self, study_text=text)
+
+    @property
+    def experiments(self) -> Mapping[str, int]:
+        """Numbers of experiments that a service limits, by the names of their keys."""
+        return {"experiments": self.budget}
+
+
+Request: TypeAlias = RaceRequest | StudyRequest
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
@@ -37,9 +85,9 @@ class Job:
     format: Literal[1] = 1
     id: Annotated[str, Length(1, 120)]
     owner: str
-    name: Name  # of the mission
-    direction: str  # of the score: maximise or minimise
-    request: RaceRequest
+    name: Name  # of the mission or study
+    direction: str  # of the score: maximise or minimise; of a study empty
+    request: Request
     submitted: str  # time
     key: str = ""  # of the submission: submitting again with the same key gives the same job
     wish: Wish = "run"
@@ -55,8 +103,8 @@ def state_of(job: Job, *, is_finished: bool, is_running: bool) -> State:
 
     Args:
         job: The job.
-        is_finished: Whether its race has a winner under the requested budget. The process goes on with the report, and
-            the job has not ended before that.
+        is_finished: Whether its race has a winner under the requested budget, or its study a page. The process of a
+            race goes on with the report, and the job has not ended before that.
         is_running: Whether a process runs its race.
     """
     if is_running:

@@ -5,12 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 from mercator_design.errors import MercatorError
-from mercator_design.race.session.journal import is_locked, now
-from mercator_design.results.files import JOURNAL
+from mercator_design.race.session.journal import now
 from mercator_design.serve.jobs.index import Index, IndexRow
-from mercator_design.serve.jobs.job import STATES, Job, RaceRequest, State
+from mercator_design.serve.jobs.job import STATES, Job, Request, State, StudyRequest
 from mercator_design.serve.jobs.store import Store, size_of
 from mercator_design.serve.jobs.supervisor import Supervisor
+from mercator_design.serve.jobs.work import is_at_work
 from mercator_design.serve.settings import UserLimits
 
 _OPEN: tuple[State, ...] = ("queued", "running", "paused")
@@ -31,8 +31,8 @@ class Operations:
     def __init__(self, store: Store, index: Index, supervisor: Supervisor, limits: UserLimits) -> None:
         self._store, self._index, self._supervisor, self._limits = store, index, supervisor, limits
 
-    def submit(self, owner: str, name: str, direction: str, request: RaceRequest, key: str = "") -> IndexRow:
-        """A new job, whose mission has been checked; or the job that was submitted with the same key.
+    def submit(self, owner: str, name: str, direction: str, request: Request, key: str = "") -> IndexRow:
+        """A new job, whose mission or study has been checked; or the job that was submitted with the same key.
 
         Raises:
             NotPossible: The key was used for another request.
@@ -43,8 +43,8 @@ class Operations:
         with self._supervisor.lock:
             if key and (row := self._index.find_by_key(owner, key)) is not None:
                 return self.resubmitted(row, request)
-            self._check_budget(request.budget)
-            self._check_budget(request.test_runs, "test_runs")
+            for what, experiments in request.experiments.items():
+                self._check_budget(experiments, what)
             self._check_number(owner)
             job = self._store.create(owner, name, direction, request, key=key)
             try:
@@ -56,7 +56,7 @@ class Operations:
         self._supervisor.wake()
         return row
 
-    def resubmitted(self, row: IndexRow, request: RaceRequest) -> IndexRow:
+    def resubmitted(self, row: IndexRow, request: Request) -> IndexRow:
         """The job of an idempotency key that is used again.
 
         Raises:
@@ -110,7 +110,7 @@ class Operations:
         """Change a job: its budget, with which it goes on; its priority; whether all users may see it.
 
         Raises:
-            NotPossible: With a budget: it was cancelled, or the budget is not larger. Nothing changes.
+            NotPossible: With a budget: it was cancelled, the budget is not larger, or it is a study. Nothing changes.
             LimitReached: see `Limits`.
         """
         if budget is not None:
@@ -122,6 +122,8 @@ class Operations:
                 request = replace(request, priority=priority)
             found: dict[str, Any] = {} if shared is None else {"shared": shared}
             if budget is not None:
+                if isinstance(request, StudyRequest):
+                    raise NotPossible(f"{identity}: the budgets of a study are in its file: submit another study")
                 if budget <= request.budget:
                     raise NotPossible(f"{identity}: expected a budget above {request.budget}, found {budget}")
                 request = replace(request, budget=budget)
@@ -141,8 +143,9 @@ class Operations:
         """
         with self._supervisor.lock:
             self._row_in_state(identity, "delete", ("queued", "paused", "finished", "failed", "cancelled"))
-            if is_locked(self._store.run_folder(identity) / JOURNAL):
-                raise NotPossible(f"{identity}: cannot delete it: another process runs its race")
+            job = self._store.read(identity)
+            if is_at_work(job.request, self._store.run_folder(identity)):
+                raise NotPossible(f"{identity}: cannot delete it: another process runs its {job.request.kind}")
             self._store.delete(identity)
             self._index.remove(identity)
 

@@ -1,4 +1,4 @@
-"""The processes that run the races of jobs: `mdesign race` in a run folder each."""
+"""The processes of jobs: `mdesign race` or `mdesign study run` in a folder each."""
 
 import subprocess
 import sys
@@ -8,8 +8,8 @@ from pathlib import Path
 from mercator_design.errors import printable
 from mercator_design.modules.flavour import load_flavour
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.serve.jobs.job import Job
-from mercator_design.serve.jobs.store import MISSION, OUTPUT, Store
+from mercator_design.serve.jobs.job import Job, RaceRequest, StudyRequest
+from mercator_design.serve.jobs.store import OUTPUT, Store
 from mercator_design.serve.settings import ServiceSettings
 
 _MAX_OUTPUT = 4096  # bytes at the end of the messages in which errors are looked for
@@ -17,7 +17,7 @@ _ERROR = "Error: "
 
 
 class RaceProcess(subprocess.Popen[bytes]):
-    """A process that runs the race of a job. It stops when this one ends, because the pipe to it is closed.
+    """A process that runs the race or study of a job. It stops when this one ends, because the pipe to it is closed.
 
     Terminated, it stops when its running experiments have finished; killed, at once.
 
@@ -51,19 +51,26 @@ class Launcher:
         return {load_flavour(file).name: file for file in self._settings.flavours}
 
     def command(self, job: Job) -> list[str]:
-        """The arguments of `mdesign`, in the data folder, that begin or resume the race of a job."""
-        request, own = job.request, self._store.folder(job.id).relative_to(self._store.data)
-        if (self._store.run_folder(job.id) / PROVENANCE).exists():
-            what = ["--resume", job.id]
+        """The arguments of `mdesign`, in the data folder, that begin or resume the race or study of a job."""
+        request = job.request
+        text = str(self._store.folder(job.id).relative_to(self._store.data) / request.FILE)
+        if isinstance(request, StudyRequest):
+            command = ["study", "run", request.study or text, "-o", job.id]
         else:
-            what = [request.mission or str(own / MISSION), "-o", job.id, "--seed", str(request.seed)]
-            what += ["--flavour", self._flavours.get(request.flavour, request.flavour), "--method", request.method]
-            what += [f"--set={one}" for one in request.set]
-        command = ["race", *what, "--budget", str(request.budget), "--jobs", str(self._cores), "--quiet"]
-        command += ["--test-runs", str(request.test_runs)]
+            command = self._of_race(job.id, request, text)
+        command += ["--jobs", str(self._cores), "--quiet"]
         if self._settings.scheduler:
             command += ["--executor", "dask", "--scheduler", self._settings.scheduler]
         return [*command, *(f"--plugin={file}" for file in self._settings.extensions.plugins)]
+
+    def _of_race(self, identity: str, request: RaceRequest, text: str) -> list[str]:
+        if (self._store.run_folder(identity) / PROVENANCE).exists():
+            what = ["--resume", identity]
+        else:
+            what = [request.mission or text, "-o", identity, "--seed", str(request.seed)]
+            what += ["--flavour", self._flavours.get(request.flavour, request.flavour), "--method", request.method]
+            what += [f"--set={one}" for one in request.set]
+        return ["race", *what, "--budget", str(request.budget), "--test-runs", str(request.test_runs)]
 
     def __call__(self, job: Job) -> RaceProcess:
         """Start the process of a job, in the data folder: so no result says where that is.

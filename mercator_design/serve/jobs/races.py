@@ -38,6 +38,11 @@ class RaceStatus:
         """State of the race at the last reading."""
         return self._reading.record.view
 
+    @property
+    def n_experiments(self) -> int:
+        """Experiments that have run, at the last reading."""
+        return self.view.n_experiments
+
     def is_finished(self, budget: int) -> bool:
         """Whether the race has ended under a budget, and its winner is written."""
         if not (self.view.is_complete and self.view.budget >= budget):

@@ -16,6 +16,7 @@ from mercator_design.results.listing import run_of
 from mercator_design.serve.jobs.index import IndexRow
 from mercator_design.serve.jobs.job import MAX_SEED, Job, RaceRequest, State, state_of
 from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.serve.jobs.work import WorkStatus
 from mercator_design.system.files import Unreadable, read_small
 
 _MAX_SIZE = 1024 * 1024  # bytes of a mission
@@ -24,8 +25,8 @@ _STATES: dict[str, State] = {"running": "running", "finished": "finished", "stop
 _NO_REQUEST = RaceRequest(mission="", budget=0, method="", flavour="", seed=0)
 
 
-def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: bool) -> IndexRow:
-    """Row of a job, with the last reading of its race, and the problem of its run folder."""
+def row_of_job(job: Job, status: WorkStatus, problem: str = "", *, is_running: bool) -> IndexRow:
+    """Row of a job, with the last reading of its race or study, and the problem of its folder."""
     state = state_of(job, is_finished=status.is_finished(job.request.budget), is_running=is_running)
     if problem and state == "queued":
         state = "failed"
@@ -33,9 +34,10 @@ def row_of_job(job: Job, status: RaceStatus, problem: str = "", *, is_running: b
     return IndexRow(job=job, state=state, message=message, **figures_of(status))
 
 
-def figures_of(status: RaceStatus) -> dict[str, Any]:
-    """Figures of a row, from the last reading of its race."""
-    return {"experiments": status.view.n_experiments, **score_of(status.view)}
+def figures_of(status: WorkStatus) -> dict[str, Any]:
+    """Figures of a row, from the last reading of its race or study, which has no score of its own."""
+    score = score_of(status.view) if isinstance(status, RaceStatus) else {}
+    return {"experiments": status.n_experiments, **score}
 
 
 def score_of(view: RaceView) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A race in a process of this service: the reason of its stop, and the consequences of its end for the job."""
+"""A race or study in a process of this service: the reason of its stop, and the consequences of its end for the job."""
 
 import errno
 import logging
@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from mercator_design.errors import RaceError
+from mercator_design.errors import RaceError, StudyError
 from mercator_design.serve.jobs.job import Job
 from mercator_design.serve.jobs.processes import RaceProcess, last_error
-from mercator_design.serve.jobs.races import RaceStatus
+from mercator_design.serve.jobs.work import WorkStatus
 
 _log = logging.getLogger(__name__)
 
@@ -30,11 +30,11 @@ StopReason: TypeAlias = Literal["", "wish", "disk", "time", "service"]
 
 @dataclass(slots=True)
 class RunningRace:
-    """A race in a process of this service."""
+    """A race or study in a process of this service."""
 
     job: Job
     process: RaceProcess
-    status: RaceStatus
+    status: WorkStatus
     output: Path  # of its messages
     unsaved_since: float  # its time from then on is not yet in the job's file
     budget: int  # with which it was started; the job's may have been extended since
@@ -60,7 +60,7 @@ class RunningRace:
 
     def left(self, clock: float) -> float | None:
         """Estimated remaining time [s], from the pace since the first experiment here; None if unknown."""
-        done = self.status.view.n_experiments
+        done = self.status.n_experiments
         if self.first_progress is None and done > self.n_before:
             self.first_progress = (clock, done)
         since, n_then = self.first_progress or (clock, done)
@@ -76,10 +76,10 @@ class RunningRace:
         return stops.get(self.stopped_for, "")
 
     def read_on(self) -> None:
-        """Read new events in its journal. The race itself reports damage."""
+        """Read what is new in its folder. The process itself reports damage."""
         try:
             self.status.read_on()
-        except RaceError as error:
+        except (RaceError, StudyError) as error:
             _log.warning("%s", error)
 
     def reason_to_wait(self, code: int, shortage: str) -> str:

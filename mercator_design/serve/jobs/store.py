@@ -1,7 +1,9 @@
 """The data folder: run folders, and the file of each job. The index can be made again from them.
 
-DATA/ID/                     the run folder of a job, as `mdesign race -o` writes it; or one that was there before
-DATA/.service/jobs/ID/       job.json, mission.yaml if the user sent a text, and output.txt, the messages of its race
+DATA/ID/                     the folder of a job, as `mdesign race -o` or `mdesign study -o` writes it; or a run folder
+                             that was there before
+DATA/.service/jobs/ID/       job.json, mission.yaml or study.yaml if the user sent a text, and output.txt, the messages
+                             of its process
 """
 
 import shutil
@@ -14,11 +16,11 @@ from typing import Any
 
 from mercator_design.race.session.journal import now
 from mercator_design.results.files import JOURNAL
-from mercator_design.serve.jobs.job import Job, RaceRequest
+from mercator_design.serve.jobs.job import Job, RaceRequest, Request
 from mercator_design.serve.records import Records, new_id
 from mercator_design.serve.settings import SERVICE
 
-MISSION = "mission.yaml"
+MISSION = RaceRequest.FILE
 OUTPUT = "output.txt"
 
 
@@ -46,8 +48,8 @@ class Store(Records[Job]):
             if not self.file(left.name).exists():
                 self._clear(left.name)
 
-    def create(self, owner: str, name: str, direction: str, request: RaceRequest, *, key: str = "") -> Job:
-        """A new job. The text of its mission is written to a file of its own.
+    def create(self, owner: str, name: str, direction: str, request: Request, *, key: str = "") -> Job:
+        """A new job. The text of its mission or study is written to a file of its own.
 
         Raises:
             ServiceError: A value is not valid, for example the name.
@@ -58,15 +60,15 @@ class Store(Records[Job]):
             owner=owner,
             name=name,
             direction=direction,
-            request=replace(request, mission_text=None),
+            request=request.with_text(None),
             submitted=now("microseconds"),  # so exact that it orders submissions
             key=key,
         )
-        self.add(job, {} if request.mission_text is None else {MISSION: request.mission_text})
+        self.add(job, {} if request.text is None else {request.FILE: request.text})
         return job
 
     def run_folder(self, identity: str) -> Path:
-        """The run folder of a job; it may not be there yet."""
+        """The folder of a job's race or study; it may not be there yet."""
         return self.data / identity
 
     def others(self) -> Iterator[Path]:
@@ -82,14 +84,15 @@ class Store(Records[Job]):
             text = text.replace(f"{folder}/", "").replace(f"{escape(folder)}/", "")
         return text
 
-    def request(self, identity: str) -> RaceRequest:
-        """The request of a job, with the text of its mission.
+    def request(self, identity: str) -> Request:
+        """The request of a job, with the text of its mission or study.
 
         Raises:
             ServiceError: A file of the job is damaged.
         """
-        text = self.text(identity, MISSION) if (self.folder(identity) / MISSION).exists() else None
-        return replace(self.read(identity).request, mission_text=text)
+        request = self.read(identity).request
+        has_text = (self.folder(identity) / request.FILE).exists()
+        return request.with_text(self.text(identity, request.FILE) if has_text else None)
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
         """Change fields of a job; it is written only if one of them changes.

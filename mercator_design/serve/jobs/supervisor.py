@@ -1,6 +1,6 @@
-"""The supervisor of races: starts, follows, pauses and ends their processes, and starts them again after a crash.
+"""The supervisor of races and studies: starts, follows, pauses and ends their processes, also after a crash.
 
-The state of a job follows from its file and its run folder, so the service may be killed at any time.
+The state of a job follows from its file and its folder, so the service may be killed at any time.
 """
 
 import contextlib
@@ -14,17 +14,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from mercator_design.errors import MercatorError, RaceError, described
+from mercator_design.errors import MercatorError, RaceError, StudyError, described
 from mercator_design.race.session.journal import Reading, is_locked, now
 from mercator_design.results.files import JOURNAL
 from mercator_design.serve.jobs.index import Index, IndexRow
 from mercator_design.serve.jobs.job import ENDED, Job
 from mercator_design.serve.jobs.processes import RaceProcess
-from mercator_design.serve.jobs.races import RaceStatus
 from mercator_design.serve.jobs.rows import changed_row, figures_of, row_of_folder, row_of_job
 from mercator_design.serve.jobs.running_race import NO_SPACE, RunningRace
 from mercator_design.serve.jobs.scheduler import next_job
 from mercator_design.serve.jobs.store import OUTPUT, Store
+from mercator_design.serve.jobs.work import WorkStatus, is_at_work, status_of
 from mercator_design.serve.settings import ServiceError, ServiceSettings
 
 _log = logging.getLogger(__name__)
@@ -74,7 +74,7 @@ class Supervisor:
         self._served: dict[str, int] = {}
         # Run folders of no job, with what was read of those that run.
         self._others: dict[str, tuple[_FolderState, Reading | None]] = {}
-        self._followed: dict[str, RaceStatus] = {}  # jobs that processes of others run
+        self._followed: dict[str, WorkStatus] = {}  # jobs that processes of others run
         self._looked = -math.inf  # when the run folders of others were looked at
         self._is_disk_low = False
         self._problems: dict[str, str] = {}  # that are logged already
@@ -134,12 +134,13 @@ class Supervisor:
             except ServiceError as error:
                 return self._damaged(identity, error)
             folder, run, problem = self._store.run_folder(identity), self._runs.get(identity), ""
-            status = run.status if run is not None else self._followed.pop(identity, RaceStatus(folder))
+            followed = self._followed.pop(identity, None) if run is None else run.status
+            status = followed or status_of(job.request, folder)
             try:
                 status.read_on()
-            except RaceError as error:
+            except (RaceError, StudyError) as error:
                 problem = self._store.without_data_folder(error.messages[0])
-            is_running = run is not None or is_locked(folder / JOURNAL)
+            is_running = run is not None or is_at_work(job.request, folder)
             if run is None and is_running and not problem:
                 self._followed[identity] = status
             return self._put_row(row_of_job(job, status, problem, is_running=is_running), job)
@@ -150,8 +151,8 @@ class Supervisor:
             row, run = self._index.get(identity), self._runs.get(identity)
             if row is None or (row.state == "running" and run is None):
                 return self.refresh(identity)
-            is_running = run is not None or is_locked(self._store.run_folder(identity) / JOURNAL)
             job = self._store.read(identity)
+            is_running = run is not None or is_at_work(job.request, self._store.run_folder(identity))
             return self._put_row(changed_row(row, job, is_running=is_running), job)
 
     def _put_row(self, row: IndexRow, job: Job) -> IndexRow:
@@ -257,7 +258,7 @@ class Supervisor:
     def _finish(self, run: RunningRace, code: int) -> None:
         identity = run.job.id
         job = self._job_of(run)
-        run.status = RaceStatus(run.status.folder)
+        run.status = status_of(job.request, run.status.folder)
         run.read_on()
         is_finished = run.status.is_finished(job.request.budget) and not run.is_interrupted(code)
         has_died = code < 0 and not run.stopped_for  # else this service has killed it
@@ -284,7 +285,7 @@ class Supervisor:
 
     def _deaths_of(self, run: RunningRace) -> tuple[int, int]:
         """Number of deaths of a job's processes without progress, and of its experiments at the last one."""
-        done = run.status.view.n_experiments
+        done = run.status.n_experiments
         deaths, before = self._deaths.get(run.job.id, (0, -1))
         return (deaths + 1 if done == before else 1), done
 
@@ -339,7 +340,7 @@ class Supervisor:
         self._runs[identity] = RunningRace(
             job=job,
             process=process,
-            status=RaceStatus(self._store.run_folder(identity)),
+            status=status_of(job.request, self._store.run_folder(identity)),
             output=self._store.folder(identity) / OUTPUT,
             unsaved_since=self._clock(),
             budget=job.request.budget,

@@ -33,7 +33,7 @@ def gallery(
     rows, _ = service.index.find(user.name, states=("finished",), owner=whose, text=text, limit=_MAX_SHOWN)
     cards = [
         *((one.created, _design_card(one, user)) for one in saved),
-        *((row.job.ended or row.job.submitted, _job_card(row)) for row in rows),
+        *((row.job.ended or row.job.submitted, _job_card(row)) for row in rows if not row.is_study),
     ]
     cards.sort(key=lambda card: card[0], reverse=True)
     checked = " checked" if own else ""

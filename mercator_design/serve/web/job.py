@@ -1,4 +1,4 @@
-"""The page of a job: its race, winner, files and actions."""
+"""The page of a job: its race or study, winner or report, files and actions."""
 
 import json
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from mercator_design.serve.designs import FSM
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import IndexRow
-from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY
+from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY, RaceRequest, StudyRequest
 from mercator_design.serve.jobs.processes import last_messages
 from mercator_design.serve.jobs.races import end_of, length_of
-from mercator_design.serve.jobs.store import OUTPUT
+from mercator_design.serve.jobs.store import MISSION, OUTPUT
 from mercator_design.serve.service import Service
 from mercator_design.serve.settings import ServiceError
 from mercator_design.serve.web.job_parts import (
@@ -35,18 +35,20 @@ from mercator_design.serve.web.job_parts import (
     state,
 )  # fmt: skip
 from mercator_design.serve.web.layout import fragment, page
-from mercator_design.serve.web.part_cache import PartCache
+from mercator_design.serve.web.part_cache import FolderState, PartCache
 from mercator_design.serve.workers.races import PagePart, about_part, race_part
+from mercator_design.serve.workers.studies import study_part
 from mercator_design.show.charts import number
 from mercator_design.show.markup import escaped, escaped_lines
 from mercator_design.show.report.markup import Html, facts_list, folded, section
 from mercator_design.show.report.page import REPORT
+from mercator_design.studies.folder import CELLS, FACTS, lock_file
 
 router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 
 _SECONDS = 15  # between two refreshes without an event
-_READING = '<p class="faint">Reading the race …</p>'
-_FIRST = (FSM, "report.html", "results.csv", "journal.jsonl", "mission.yaml")
+_READING = '<p class="faint">Reading its folder …</p>'
+_FIRST = (FSM, REPORT, "results.csv", "journal.jsonl", MISSION, StudyRequest.FILE)
 """Files that are listed first."""
 
 
@@ -98,25 +100,26 @@ def messages(service: TheService, row: OwnJob) -> HTMLResponse:
 def race(
     service: TheService, parts: _ThePartCache, row: VisibleJob, have: Annotated[str, Query(max_length=40)] = ""
 ) -> Response:
-    """The race of a job, for its page; nothing new if the page has it."""
-    part, is_fresh = _part(service, parts, row, race_part)
+    """The race or study of a job, for its page; nothing new if the page has it."""
+    part, is_fresh = _part(service, parts, row, study_part if row.is_study else race_part)
     if isinstance(part, MercatorError):
         return fragment(
             _live_part(
                 row, "race", f'<p class="problem">{escaped_lines(service.store.without_data_folder(str(part)))}</p>'
             )
         )
+    report = _study_report(service, row)
     if part is None:
         answer: Response = fragment(_live_part(row, "race", _without_race(row) if is_fresh else _READING))
-    elif have == part.version:
+    elif have == (version := part.version + "-report" * bool(report)):
         answer = Response(status_code=204)
     else:
         answer = fragment(
             _live_part(
                 row,
                 "race",
-                service.store.without_data_folder(part.text),
-                f'{_best_runs(part)} data-have="{part.version}"',
+                report + service.store.without_data_folder(part.text),
+                f'{_best_runs(part)} data-have="{version}"',
             )
         )
     return _with_refresh_hint(answer, is_fresh=is_fresh)
@@ -125,6 +128,8 @@ def race(
 @router.get("/about")
 def about(service: TheService, parts: _ThePartCache, row: VisibleJob) -> Response:
     """Request and origin of a race, for the page of a job."""
+    if row.is_study:  # its file says what was requested
+        return fragment(_live_part(row, "about", ""))
     part, is_fresh = _part(service, parts, row, about_part)
     text = (
         service.store.without_data_folder(part.text) if isinstance(part, PagePart) else ""
@@ -140,8 +145,9 @@ def _part(
     Without a part, True says that the race has not begun.
     """
     folder = service.store.run_folder(row.id)
+    state = FolderState(row.experiments, (row.state,)) if row.is_study else None
     try:
-        return parts.get(make, folder) if (folder / JOURNAL).exists() else (None, True)
+        return parts.get(make, folder, state) if (folder / (FACTS if state else JOURNAL)).exists() else (None, True)
     except ServiceError:
         raise
     except MercatorError as error:
@@ -174,22 +180,40 @@ def _now(service: Service, user: User, row: IndexRow) -> Html:
     facts = f' data-seconds="{_SECONDS}" data-ended="{ends}" data-state="{row.state}"'
     facts += f' data-place="{_journal_place(service, row)}"'
     job, request = row.job, row.job.request
-    what: list[tuple[str, object]] = [("score", best(row) or None), ("mission", job.name), ("job", row.id)]
+    what: list[tuple[str, object]] = [
+        ("score", best(row) or None),
+        (request.kind if row.is_study else "mission", job.name),
+        ("job", row.id),
+    ]
     if user.name != LOCAL.name:
         what.append(("owner", job.owner or "a run folder of no job"))
-    method = f"{request.method}, {request.flavour}, seed {request.seed}" if request.method else None
+    method = None
+    if isinstance(request, RaceRequest) and request.method:
+        method = f"{request.method}, {request.flavour}, seed {request.seed}"
     what += [("method", method), ("priority", request.priority or None)]
     what += [("submitted", moment(job.submitted) or None), ("ended", moment(job.ended) or None)]
     what += [("has run", duration(job.seconds) if job.seconds else None)]
     words = f'<p class="big">{state(row)}</p>{_advice(row)}<div class="bar-of-race">{progress(row)}</div>'
     actions = buttons(row, *ACTIONS, DELETE) if may_change(user, row) else ""
-    again = f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>' if row.is_job else ""
+    again = (
+        f'<a class="button" href="/new?from={quote(row.id, safe="")}">Run again</a>'
+        if row.is_job and not row.is_study
+        else ""
+    )
     key, links = quote(row.id, safe=""), ""
-    if row.best is not None and request.flavour:
+    if row.best is not None and isinstance(request, RaceRequest) and request.flavour:
         links = f'<a class="button" href="/fsm?job={key}">Edit its FSM</a>'
         links += f'<a class="button" href="/compare?job={key}">Compare</a>'
     all_actions = f'<div class="actions">{_design(service, row)}{actions}{again}{links}</div>'
     return _live_part(row, "now", f"{words}{all_actions}{facts_list(what)}", facts)
+
+
+def _study_report(service: Service, row: IndexRow) -> Html:
+    """The page of a study that has finished."""
+    if row.state != "finished" or not row.is_study or not (service.store.run_folder(row.id) / REPORT).exists():
+        return Html()
+    to = api_address(row, f"/files/{REPORT}")
+    return section("report", "Report", f'<iframe class="report" src="{to}" title="The report of the study"></iframe>')
 
 
 def _design(service: Service, row: IndexRow) -> str:
@@ -214,15 +238,16 @@ def _advice(row: IndexRow) -> str:
     if row.state != "failed":
         return ""
     return (
-        "<p>Resume it to try again: finished experiments are kept. If it fails again, change the mission with "
-        "<em>Run again</em>; the messages of its process, below, may say more.</p>"
+        "<p>Resume it to try again: finished experiments are kept. If it fails again, "
+        f"{'submit a changed study' if row.is_study else 'change the mission with <em>Run again</em>'}; "
+        "the messages of its process, below, may say more.</p>"
     )
 
 
 def _without_race(row: IndexRow) -> str:
     if row.state in ("queued", "running"):
-        return '<p class="faint">The race has not begun yet; it will appear here.</p>'
-    return '<p class="faint">The race has not begun.</p>'
+        return f'<p class="faint">The {row.job.request.kind} has not begun yet; it will appear here.</p>'
+    return f'<p class="faint">The {row.job.request.kind} has not begun.</p>'
 
 
 def _journal_place(service: Service, row: IndexRow) -> int:
@@ -245,19 +270,29 @@ def _changes(user: User, row: IndexRow) -> Html:
         if user.name != LOCAL.name
         else ""
     )
+    budget = (
+        ""
+        if row.is_study
+        else (
+            f'<label>New budget (experiments)<input type="number" name="budget" min="{request.budget + 1}" step="1" '
+            f'placeholder="{request.budget}" inputmode="numeric"></label>'
+        )
+    )
     fields = (
-        f'<label>New budget (experiments)<input type="number" name="budget" min="{request.budget + 1}" step="1" '
-        f'placeholder="{request.budget}" inputmode="numeric"></label>'
-        f'<label>Priority among your jobs<input type="number" name="priority" min="{-MAX_PRIORITY}" '
+        f'{budget}<label>Priority among your jobs<input type="number" name="priority" min="{-MAX_PRIORITY}" '
         f'max="{MAX_PRIORITY}" value="{request.priority}"></label>{shared}<div><button>Change</button></div>'
     )
     form = f'<form class="fields" id="change">{fields}</form>'
-    return folded("Extend its budget, change its priority" + (", share it" if shared else ""), form)
+    what = "Change its priority" if row.is_study else "Extend its budget, change its priority"
+    return folded(what + (", share it" if shared else ""), form)
 
 
 def _files(service: Service, row: IndexRow) -> Html:
     found = files_of(service.store.run_folder(row.id))
-    names = [*(one for one in _FIRST if one in found), *sorted(found.keys() - {*_FIRST})]
+    others = sorted(found.keys() - {*_FIRST})
+    if row.is_study:  # of its races there may be thousands; the report and `fetch` lead to them
+        others = [name for name in others if not name.startswith((f"{CELLS}/", f"{lock_file(Path()).parent}/"))]
+    names = [*(one for one in _FIRST if one in found), *others]
     if not names:
         return _live_part(row, "files", "")
     links = "".join(f"<li>{_link(row, name, found[name])}</li>" for name in names)

@@ -84,6 +84,8 @@ def progress(row: IndexRow) -> Html:
 
 def best(row: IndexRow) -> Html:
     """The score of a job's winner, or of its best so far, and where it was measured."""
+    if row.is_study:
+        return Html()
     if row.best is None:
         return Html('<span class="faint">none yet</span>' if row.state in ("queued", "running") else "")
     return Html(f'<strong>{number(row.best)}</strong> <span class="faint">{row.measured}</span>')

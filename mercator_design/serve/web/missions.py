@@ -52,7 +52,9 @@ def new(
     try:
         if job:
             row = visible_job(service, user, job)
-            text, request, name = text_of_job(service, row), row.job.request, ""
+            text, name = text_of_job(service, row), ""
+            if isinstance(row.job.request, RaceRequest):
+                request = row.job.request
         elif name not in shipped.missions():
             raise MissionError(f"there is no shipped mission {name}")
     except MercatorError as error:

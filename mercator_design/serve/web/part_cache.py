@@ -25,10 +25,14 @@ _MAX_WAIT = 20.0  # seconds between two computations
 _MAX_KEPT = 200  # parts that are kept
 
 
-class _FolderState(NamedTuple):
-    """State of a run folder."""
+class FolderState(NamedTuple):
+    """State of the folder of a job.
 
-    length: int  # of the journal
+    length: That of the journal, or another number that grows while the job runs.
+    turns: What changes seldom; a change shows at once.
+    """
+
+    length: int
     turns: tuple[object, ...]
 
 
@@ -37,7 +41,7 @@ class _Entry:
     is_alive: bool = False  # whether it is being computed
     part: PagePart | None = None  # the latest
     problem: MercatorError | None = None  # why there is no newer one
-    state: _FolderState | None = None  # of the folder, as the part shows it
+    state: FolderState | None = None  # of the folder, as the part shows it
     again: float = 0.0  # from when on it may be computed again
 
 
@@ -59,17 +63,20 @@ class PartCache:
         self._lock = threading.Lock()
         self._max_of_user, self._at_work = max(1, workers // 2), Counter[str]()  # computations of a user at a time
 
-    def get(self, make: Callable[[Path], PagePart], folder: Path) -> tuple[PagePart | None, bool]:
-        """A part of a run folder's page, or None if it is being computed, and whether it is up to date.
+    def get(
+        self, make: Callable[[Path], PagePart], folder: Path, state: FolderState | None = None
+    ) -> tuple[PagePart | None, bool]:
+        """A part of a job's page, or None if it is being computed, and whether it is up to date.
 
         Args:
-            make: Function of `workers/races.py` that computes it.
-            folder: The run folder.
+            make: Function of `workers/races.py` or `workers/studies.py` that computes it.
+            folder: The folder of the job.
+            state: That of the folder; by default that of a run folder.
 
         Raises:
             MercatorError: It cannot be computed.
         """
-        entry, state = self._entry((make.__name__, folder.name)), _state(folder)
+        entry, state = self._entry((make.__name__, folder.name)), state or _state(folder)
         is_same = entry.state == state
         if is_same or (entry.state is not None and entry.state.turns == state.turns and self._clock() < entry.again):
             if entry.problem is not None:
@@ -115,7 +122,7 @@ class PartCache:
             return entry
 
 
-def _state(folder: Path) -> _FolderState:
+def _state(folder: Path) -> FolderState:
     turns: list[object] = [is_locked(folder / JOURNAL)]
     for name in (PROVENANCE, COMPARISON):
         try:
@@ -123,4 +130,4 @@ def _state(folder: Path) -> _FolderState:
             turns.append((status.st_ino, status.st_size, status.st_mtime_ns))
         except OSError:
             turns.append(None)
-    return _FolderState(length_of(folder / JOURNAL), tuple(turns))
+    return FolderState(length_of(folder / JOURNAL), tuple(turns))

@@ -74,7 +74,7 @@ def check_request(request: RaceRequest, limits: UserLimits) -> CheckedMission:
     return CheckedMission(
         name=mission.name,
         direction=mission.direction,
-        warnings=tuple(map(without_folders, _warnings(simulator, request.flavour))),
+        warnings=tuple(map(without_folders, mission_warnings(simulator, request.flavour))),
     )
 
 
@@ -98,7 +98,7 @@ def review(source: MissionSource, flavour: str, limits: UserLimits) -> MissionRe
             errors += error.messages
     return MissionReview(
         errors=tuple(findings(errors, label, text)),
-        warnings=tuple(findings(_warnings(simulator, flavour), label, text)),
+        warnings=tuple(findings(mission_warnings(simulator, flavour), label, text)),
         facts=MissionFacts(
             **facts_of(mission),
             digest=mission.digest,
@@ -138,7 +138,7 @@ def mission_schema() -> dict[str, Any]:
     return json_schema(Mission, title="A mission", given=("name",))
 
 
-def _warnings(simulator: Simulator, flavour: str) -> list[str]:
+def mission_warnings(simulator: Simulator, flavour: str) -> list[str]:
     """Warnings on a mission, without those for which it is refused."""
     found = [one.message for one in simulator.warnings if not one.is_impossible]
     return [*found, *no_effect_warnings(simulator.mission, simulator.robot_model, flavour)]

@@ -75,10 +75,20 @@ def _user_mission(label: str, text: str, overrides: tuple[str, ...], limits: Use
     if mission.robot_model not in shipped.robot_models():
         where, found = mission.where("robot_model"), excerpt(mission.robot_model)
         raise MissionError(f"{where}: expected the name of a shipped one, found {found}")
+    check_limits(mission, limits)
+    return mission
+
+
+def check_limits(mission: Mission, limits: UserLimits, label: str = "") -> None:
+    """Check that a mission is within the limits of a service; `label` names it in messages, if it has no file.
+
+    Raises:
+        MissionError: It is not.
+    """
     for key, limit in (("robots", limits.robots), ("duration", limits.duration)):
         if (value := getattr(mission, key)) > limit:
-            raise MissionError(f"{mission.where(key)}: expected at most {limit:g}, the limit here, found {value:g}")
-    return mission
+            where = f"{label}: {key}" if label else mission.where(key)
+            raise MissionError(f"{where}: expected at most {limit:g}, the limit here, found {value:g}")
 
 
 def text_without_files(mission: Mission, model: RobotModel) -> str:

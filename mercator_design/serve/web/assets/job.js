@@ -65,15 +65,17 @@
     const form = event.target;
     const body = {}; // only what was changed here: the rest may have been changed elsewhere since
     if (form.priority.value !== form.priority.defaultValue) body.priority = Number(form.priority.value);
-    if (form.budget.value) body.budget = Number(form.budget.value);
+    if (form.budget?.value) body.budget = Number(form.budget.value);
     if (form.shared && form.shared.checked !== form.shared.defaultChecked) body.shared = form.shared.checked;
     const job = await Live.act("PATCH", path, body);
     if (!job) return;
     form.priority.value = form.priority.defaultValue = job.priority;
     if (form.shared) form.shared.checked = form.shared.defaultChecked = job.shared;
-    form.budget.value = "";
-    form.budget.min = job.budget + 1;
-    form.budget.placeholder = job.budget;
+    if (form.budget) {
+      form.budget.value = "";
+      form.budget.min = job.budget + 1;
+      form.budget.placeholder = job.budget;
+    }
     Live.report("Changed.", false);
   });
 

@@ -1,4 +1,4 @@
-"""What a YAML file is of, by its keys."""
+"""The kind of a YAML file, by its keys."""
 
 from collections.abc import Mapping
 from pathlib import Path

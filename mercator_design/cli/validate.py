@@ -55,10 +55,10 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
         content = content_of(file)
         if is_study(content):
-            from mercator_design.studies.plan import load_plan  # pandas comes with these
-            from mercator_design.studies.resolving import resolve
+            from mercator_design.cli.study.run import checked_study  # pandas comes with these
+            from mercator_design.studies.plan import load_plan
 
-            layout = resolve(load_plan(file)).layout
+            layout = checked_study(load_plan(file)).layout
             experiments = sum(map(layout.n_experiments, layout.cells))
             return f"valid study, {_count(len(layout.cells), 'design')}, {_count(experiments, 'experiment')}"
         keys = set(map(spelling.folded, content))

@@ -354,6 +354,9 @@ def test_sampled_realities_lie_around_the_design_model():
 def test_validate_knows_studies(tmp_path, mdesign):
     code, out, _ = mdesign("validate", plan_file(tmp_path))
     assert (code, out.partition(": ")[2]) == (0, "valid study, 8 designs, 392 experiments\n")
+    code, _, err = mdesign("validate", plan_file(tmp_path, PLAN.replace("repetitions: 2\n", "repetitions: 1\n")))
+    assert code == 0
+    assert "one design of each method on a mission gives no statistics" in err
     code, _, err = mdesign("validate", plan_file(tmp_path, PLAN.replace("repetitions: 2\n", "")))
     assert code == 3
     assert "repetitions: missing key" in err

@@ -111,7 +111,7 @@ def run(
 
 
 def checked_study(plan: StudyPlan) -> Study:
-    """What a plan names, with warnings of what is probably a mistake.
+    """Read what a plan names, and warn of what is probably a mistake.
 
     Raises:
         StudyError: see `resolve`.

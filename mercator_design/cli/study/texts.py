@@ -76,7 +76,7 @@ def status_data(status: StudyStatus) -> dict[str, object]:
 
 
 def estimate_text(name: str, layout: StudyLayout, estimate: StudyEstimate, n_cells: int) -> str:
-    """What a study will run, and how long that takes."""
+    """The experiments that a study will run, and the time that they take."""
     n_left = sum(estimate.experiments.values())
     lines = [
         f"Study      {name}: {n_cells} designs: {len(layout.methods)} methods x {len(layout.missions)} missions x "

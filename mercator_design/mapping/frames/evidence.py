@@ -17,7 +17,7 @@ NEAREST, FARTHEST = 0.2, 4.0
 """[m] Distances between robots at which beams say something."""
 
 _HEAD_FRONT = 0.03 / 0.035
-"""Of a head's radius, from its centre to the nearest return, and to each side of the beams that must meet it."""
+"""Part of a head's radius: its centre is so far behind the nearest return, and beams meet it so far to each side."""
 _TOLERANCE = 0.10
 """[m]"""
 _HIT, _MISS = 1, -1

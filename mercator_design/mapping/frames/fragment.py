@@ -13,7 +13,7 @@ from mercator_design.mapping.track import Keyframes, Track
 STEP = 0.02
 """[s] Between the poses of a fragment."""
 HEAD_DEPTH = 0.25 * math.pi
-"""Of a head's radius, by which the centroid of its returns lies before its centre."""
+"""Part of a head's radius by which the centroid of its returns lies before its centre."""
 
 _MARGIN = 0.1
 """[s] About half a turn of a lidar: by it the odometry continues a fragment at its ends."""

@@ -24,8 +24,8 @@ from mercator_design.mapping.track import Keyframes
 MIN_SCANS = 20
 """Scans of one map that are found in the other one; wrong frames had at most 14."""
 MIN_SHARE = 0.6
-"""Of the scans from places and headings of which the other map has scans, too: right frames had 0.84 at least, wrong
-ones with more than 10 scans 0.3 at most."""
+"""Share of scans that must be found, of those with a scan of the other map near them: right frames had 0.84 at least,
+wrong ones with more than 10 scans 0.3 at most."""
 MIN_REACH = 8.0
 """[m] Over which the scans that are found spread."""
 MAX_CONFLICT = 0.05
@@ -103,7 +103,7 @@ def _is_rival(one: Overlap) -> bool:
 
 
 def _followed(first: Keyframes, second: Keyframes, frame: Floats) -> Overlap | None:
-    """What becomes of a proposed frame when loops bend both maps; None: there are hardly any."""
+    """Bend both maps by loops, from a proposed frame; None if there are too few loops."""
     n = len(first.turns)
     moved = second._replace(poses=compose(frame, second.poses), segments=second.segments + first.segments[-1] + 1)
     both = Keyframes.together([first, moved])._replace(segments=np.concatenate([first.segments, moved.segments]))

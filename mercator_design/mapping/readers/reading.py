@@ -23,7 +23,7 @@ _FAR_APART = 0.25
 
 
 class LidarOptions(NamedTuple):
-    """What a user says of the lidars of other robots; None: as the log has it, or as that of a Mercator."""
+    """A user's description of the lidars of other robots; None: as the log has it, or as that of a Mercator."""
 
     pose: Floats | None = None  # (3,) on the robot
     topics: Topics | None = None  # of bags

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from mercator_design.config import schema
 from mercator_design.config.building import NodePath, build, message
+from mercator_design.config.checked_lines import from_line
 from mercator_design.config.schema import FieldError, Kind
 from mercator_design.config.yaml_tree import MAX_DEPTH, MAX_INTEGER, Fault, is_text, tree_of
 from mercator_design.errors import MercatorError
@@ -53,17 +54,18 @@ def from_json(
     raise error(wrong)
 
 
-def read_json(file: Path, kind: Kind, *, error: type[MercatorError]) -> Any:  # noqa: ANN401 - what `kind` says
-    """The value that a JSON file describes.
+def read_json(file: Path, kind: Kind, *, error: type[MercatorError], is_checked: bool = False) -> Any:  # noqa: ANN401 - what `kind` says
+    """The value that a JSON file describes; one that `is_checked` is a line with a checksum.
 
     Raises:
-        error: as `from_json`; or the file is missing, is too large, or has no JSON.
+        error: as `from_json`; or the file is missing, is too large, has no JSON, or another checksum.
     """
     contents = contents_of(file, _MAX_SIZE, error)
     try:
-        data = json.loads(contents)
+        data = from_line(contents) if is_checked else json.loads(contents)
     except (ValueError, RecursionError) as wrong:
-        raise error(f"{file}: expected JSON, found something else: {wrong}") from None
+        what = "it was damaged or changed after it was written" if is_checked else "expected JSON, found something else"
+        raise error(f"{file}: {what}: {wrong}") from None
     return from_json(data, kind, error=error, label=str(file))
 
 

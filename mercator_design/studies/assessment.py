@@ -3,12 +3,12 @@
 The instances are those of `mdesign evaluate --seed` with the study's seed, the same for all designs.
 """
 
-import json
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from mercator_design.config.checked_lines import to_line
 from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Range
 from mercator_design.config.writing import plain
@@ -30,7 +30,7 @@ Score = Annotated[float, Range(-1e30, 1e30)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessment:
-    """The contents of assessment.json.
+    """The contents of assessment.json, a line with a checksum as those of journals: edited scores are refused.
 
     software: The text of what was assessed.
     seed: That of the study, of which the instances are.
@@ -87,7 +87,7 @@ def read_assessment(folder: Path) -> Assessment | None:
     if not file.exists():
         return None
     try:
-        found: Assessment = read_json(file, Assessment, error=StudyError)
+        found: Assessment = read_json(file, Assessment, error=StudyError, is_checked=True)
     except StudyError as error:
         raise StudyError(f"{error}; delete it to assess the design again") from None
     return found
@@ -165,4 +165,4 @@ def assess(
         by_objective={name: tuple(rows) for name, rows in scores.items()} if by_each else {},
     )
     remove_drafts(folder / ASSESSMENT)
-    write_text(folder / ASSESSMENT, json.dumps(plain(made)) + "\n")
+    write_text(folder / ASSESSMENT, to_line(plain(made)))

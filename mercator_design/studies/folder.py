@@ -26,7 +26,7 @@ from mercator_design.config.schema import Range
 from mercator_design.config.writing import dump, plain
 from mercator_design.errors import StudyError, excerpt
 from mercator_design.results.files import is_same
-from mercator_design.studies.layout import Cell, StudyLayout
+from mercator_design.studies.layout import Cell, StudyLayout, alike_on_disk
 from mercator_design.studies.resolving import Study
 from mercator_design.system.files import remove_drafts, write_text, writing
 
@@ -160,6 +160,11 @@ def _facts_of(path: Path, study: Study) -> StudyFacts:
             f"{path}: {what}: give it another name, or begin another study"
             for kind in definition
             for what in _changes(definition[kind], before.definition.get(kind, {}), kind, grows=True)
+        ]
+        wrong += [
+            f"{path}: {kind}: {what}"
+            for kind in ("missions", "methods")
+            if (what := alike_on_disk([*before.definition.get(kind, {}), *definition[kind]]))
         ]
         if wrong:
             raise StudyError(*wrong[:_MAX_CHANGES])

@@ -1,6 +1,6 @@
 """The cells of a study by names alone: what a folder can tell without the files of the plan."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -106,3 +106,12 @@ class StudyLayout:
     def n_experiments(self, cell: Cell) -> int:
         """The experiments of a cell: its race, at most, and its assessment."""
         return cell.budget + self.runs * len(self.realities)
+
+
+def alike_on_disk(names: Iterable[str]) -> str:
+    """What is wrong with names of folders if some disks take two for one, which differ only in case; else empty."""
+    first: dict[str, str] = {}
+    for name in names:
+        if (other := first.setdefault(name.casefold(), name)) != name:
+            return f"expected names that differ not only in case, which some disks ignore, found {other} and {name}"
+    return ""

@@ -18,6 +18,7 @@ from mercator_design.errors import RaceError, StudyError
 from mercator_design.mission_sampler import MissionClass
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS, options_of
+from mercator_design.studies.layout import alike_on_disk
 
 NamedFile = Annotated[str, FilePath(unless_name=True)]
 Option = int | float | bool | str | None
@@ -121,6 +122,8 @@ class Assessing:
 def _methods_named(methods: Mapping[str, StudyMethod]) -> Iterator[FieldError]:
     if not methods:
         yield FieldError("methods", "expected at least one method, found none")
+    if wrong := alike_on_disk(methods):
+        yield FieldError("methods", wrong)
 
 
 def _repetitions_of_races(repetitions: int | None, methods: Mapping[str, StudyMethod]) -> Iterator[FieldError]:

@@ -24,7 +24,7 @@ from mercator_design.sim.robot_model import RobotModel, load_robot_model
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
 from mercator_design.software.files import read_fsm, read_header
-from mercator_design.studies.layout import Cell, MissionRow, ObjectiveRow, StudyLayout
+from mercator_design.studies.layout import Cell, MissionRow, ObjectiveRow, StudyLayout, alike_on_disk
 from mercator_design.studies.plan import SampledRealities, StudyMethod, StudyMission, StudyPlan
 from mercator_design.studies.sampling import sampled_reality
 from mercator_design.studies.table import DESIGN_MODEL
@@ -162,7 +162,11 @@ def resolve(plan: StudyPlan) -> Study:
     for where, mission_name, mission in missions:
         for model in models or [None]:
             if (found := wrong.attempt(where, _studied, mission_name, mission, model, realities)) is not None:
-                studied[_label(found)] = found
+                if (label := _label(found)) in studied:
+                    wrong.append(f"{where}: expected robot models of different names, found {label} twice")
+                studied[label] = found
+    if what := alike_on_disk(studied):
+        wrong.append(f"{plan.where('robot_models')}: {what}")
     for label, one in studied.items():
         for name, method in methods.items():
             wrong.attempt(f"{plan.where(f'methods.{name}')}: on {label}", _check_senses, method, one)
@@ -196,10 +200,11 @@ def _missions(plan: StudyPlan, wrong: _Wrong) -> list[tuple[str, str, Mission]]:
         where = plan.where(f"missions[{index}]")
         for mission in wrong.attempt(where, _of_entry, entry) or ():
             name = (entry.name if isinstance(entry, StudyMission) else None) or mission.name
-            if any(name == other for _, other, _ in found):
-                wrong.append(
-                    f"{where}: expected missions of different names, found {name} twice: give one a name of its own"
-                )
+            others = [other for _, other, _ in found]
+            if name in others:
+                wrong.append(f"{where}: expected missions of different names, found {name} twice: {_RENAME}")
+            elif what := alike_on_disk([*others, name]):
+                wrong.append(f"{where}: {what}: {_RENAME}")
             else:
                 found.append((where, name, mission))
     return found

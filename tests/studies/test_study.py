@@ -170,6 +170,50 @@ def test_a_changed_definition_is_refused(old, new, place, copied, tmp_path, mdes
     assert contents(copied) == before
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda scores: scores["design"].__setitem__(0, scores["design"][0] + 0.5), "expected the checksum "),
+        (lambda scores: scores.pop("design"), "expected the checksum "),
+        (None, 'expected an event that ends in its checksum ("crc")'),
+    ],
+)
+def test_an_edited_assessment_is_refused(change, expected, copied, tmp_path, mdesign):
+    file = copied / "cells/near/halving/40/1" / ASSESSMENT
+    data = json.loads(file.read_text())
+    if change is not None:
+        change(data["scores"])
+    separators = None if change is None else (",", ":")
+    file.write_text(json.dumps(data, separators=separators) + "\n")
+    for command in (("study", plan_file(tmp_path), "-o", copied), ("study", "report", copied)):
+        err = refusal(mdesign, *command)
+        assert f"{file}: it was damaged or changed after it was written: {expected}" in err
+        assert "delete it to assess the design again" in err
+
+
+def test_names_that_differ_only_in_case_share_no_folder(copied, tmp_path, mdesign):
+    """Some disks take their folders for one."""
+    ignored = "expected names that differ not only in case, which some disks ignore, found "
+    for old, new, expected in (
+        ("  random: {", "  Halving: {", f"small.yaml:5: methods: {ignored}halving and Halving"),
+        ("name: near}", "name: Foraging}", f"small.yaml:10: missions[1]: {ignored}Foraging and foraging: give one"),
+    ):
+        assert expected in refusal(mdesign, "study", plan_file(tmp_path, PLAN.replace(old, new)), "-o", copied)
+    renamed = plan_file(tmp_path, PLAN.replace("halving: {}", "Halving: {}"))
+    assert f"{copied}: methods: {ignored}halving and Halving" in refusal(mdesign, "study", renamed, "-o", copied)
+
+
+def test_robot_models_of_a_study_have_different_names(tmp_path, mdesign):
+    for name, text in (("a.yaml", "name: Bot"), ("b.yaml", "name: bot"), ("c.yaml", "name: bot\nbody: {mass: 3.0}")):
+        (tmp_path / name).write_text(f"base: mercator\n{text}\n")
+    for models, expected in (
+        ("a.yaml, ./b.yaml", "found near@Bot and near@bot"),
+        ("b.yaml, ./c.yaml", "expected robot models of different names, found near@bot twice"),
+    ):
+        plan = plan_file(tmp_path, f"{PLAN}robot_models: [./{models}]\n")
+        assert expected in refusal(mdesign, "study", plan)
+
+
 def test_a_folder_belongs_to_one_study(copied, tmp_path, mdesign):
     err = refusal(mdesign, "study", plan_file(tmp_path, PLAN + "name: other\n"), "-o", copied)
     assert "expected the study other with seed 1, found the study small with seed 1" in err

@@ -5,6 +5,7 @@ import json
 import pandas as pd
 import pytest
 
+from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import StudyError
 from mercator_design.studies.assessment import ASSESSMENT, read_assessment
 from mercator_design.studies.reading import study_table
@@ -96,7 +97,7 @@ def test_an_assessment_by_one_of_them_is_refused(done, mdesign, tmp_path):
     whole = file.read_text()
     assert [len(row) for row in read_assessment(file.parent).by_objective["design"]] == [2, 2, 2]
     try:
-        file.write_text(json.dumps({**json.loads(whole), "by_objective": {}}))
+        file.write_text(to_line({**from_line(whole.encode()), "by_objective": {}}))
         code, _, err = mdesign("study", plan_file(tmp_path), "-o", done)
         assert code == 2
         assert f"{file}: expected scores of design by each of 2 objectives" in err

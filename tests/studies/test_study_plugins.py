@@ -121,4 +121,4 @@ def test_what_resumes_is_the_command_that_was_given(plan, tmp_path, mdesign, mon
     with pytest.raises(ExecutorStopped):
         mdesign("study", plan, *options)
     given = shlex.join(["mdesign", "study", str(plan), *map(str, options)])
-    assert told[0] == f"{tmp_path / 'a folder'}: what has run is kept; to resume: {given}"
+    assert told[0] == f"{tmp_path / 'a folder'}: the 0 experiments so far are kept; to resume: {given}"

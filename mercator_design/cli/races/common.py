@@ -202,11 +202,7 @@ def run(
     except (ExecutorStopped, ExecutorLost, WorkerUnfit) as error:
         what = f"{len(record.experiments)} experiments" + (f" and {len(record.tests)} tests" if record.tests else "")
         again = resume_command(folder.path, record.start["task"], *_options_to_repeat())
-        message = f"{folder.path}: the {what} so far are in journal.jsonl; to resume: {again}"
-        if isinstance(error, ExecutorStopped):
-            interrupt.check(message)
-        else:
-            print_message(message)
+        report_kept(error, interrupt, folder.path, what, again)
         raise
     except ExperimentFailed as error:
         print_message(f"To run only the failed experiment: {folder.keep_failed(error.finished)}")
@@ -227,6 +223,15 @@ def run(
     print_result(written(folder), err=json_lines)
     if not given["no_report"]:
         _report(folder, compares, jobs, progress, interrupt, err=json_lines)
+
+
+def report_kept(error: Exception, interrupt: Interrupt, path: Path, what: str, again: str) -> None:
+    """Say what a folder keeps of a run that an error or a signal has ended, and the command that resumes it."""
+    message = f"{path}: the {what} so far are kept; to resume: {again}"
+    if isinstance(error, ExecutorStopped):
+        interrupt.check(message)
+    else:
+        print_message(message)
 
 
 def _report(folder: RunFolder, compares: bool, jobs: int, progress: Mode, interrupt: Interrupt, *, err: bool) -> None:

@@ -8,13 +8,13 @@ import click
 
 from mercator_design.cli.inputs import warn_of_mission, warn_of_no_effect
 from mercator_design.cli.options import FOLDER, PLUGIN, PROGRESS
-from mercator_design.cli.races.common import NOTICE, ON_FAILURE
+from mercator_design.cli.races.common import NOTICE, ON_FAILURE, report_kept
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.races.reporting import NO_REPORT
 from mercator_design.cli.study.report import write_results
 from mercator_design.cli.study.texts import StudyDisplay, estimate_text, status_text
 from mercator_design.cli.terminal import Interrupt, command_line
-from mercator_design.command import FILE, print_message, print_note, print_result, warn
+from mercator_design.command import FILE, print_note, print_result, warn
 from mercator_design.race.executors.executor import Executor, ExecutorLost, ExecutorStopped, WorkerUnfit
 from mercator_design.race.session.outcome import OnFailure
 from mercator_design.show.text.progress import Mode
@@ -160,11 +160,7 @@ def run_study(
                     stopped=interrupt.came,
                 ).run()
         except (ExecutorStopped, ExecutorLost, WorkerUnfit) as error:
-            message = f"{path}: what has run is kept; to resume: {again}"
-            if isinstance(error, ExecutorStopped):
-                interrupt.check(message)
-            else:
-                print_message(message)
+            report_kept(error, interrupt, path, f"{read_status(path).done} experiments", again)
             raise
         status = read_status(path)
         print_result(status_text(status, layout))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -39,9 +40,11 @@ COMPARISONS_HEAD = (
     "paired p",
     "first is",
 )
-_LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
-    letter: f"\\{letter}" for letter in "&%$#_{}"
-}
+_LATEX = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
+    ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''", "`": r"\textasciigrave{}",
+    "'": r"\textquotesingle{}", "[": "{[}", "*": "{*}",  # the last two would belong to the end of the row before
+} | {letter: f"\\{letter}" for letter in "&%$#_{}"}  # fmt: skip
 
 
 def score_rows(table: StudyTable, blocks: Sequence[Block]) -> list[list[str]]:
@@ -212,7 +215,8 @@ def _finite(data: Any) -> Any:  # noqa: ANN401 - JSON
 
 def latex(text: str) -> str:
     """Text as LaTeX shows it."""
-    return "".join(_LATEX.get(letter, letter) for letter in text)
+    shown = "".join(_LATEX.get(letter, letter) for letter in text)
+    return re.sub("-(?=-)", "-{}", shown)  # no dashes
 
 
 def _minus(numbers: str) -> str:

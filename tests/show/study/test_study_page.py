@@ -113,6 +113,17 @@ def test_latex_shows_any_text():
     assert latex(r"50 % of a_b & c\d {x} ~^#$") == (
         r"50 \% of a\_b \& c\textbackslash{}d \{x\} \textasciitilde{}\textasciicircum{}\#\$"
     )
+    assert latex('a<b|c>"d" a-b---c') == r"a\textless{}b\textbar{}c\textgreater{}''d'' a-b-{}-{}-c"
+
+
+def test_no_name_in_latex_belongs_to_the_end_of_the_row_before(tmp_path):
+    """After the end of a row, a bracket begins a distance, and a star forbids a new page."""
+    scores = {(name, level): GOOD for name in ("[up]", "*") for level in "ab"}
+    write_study(tmp_path, study_table(run_rows(scores)), "x")
+    for name in ("scores", "comparisons"):
+        text = (tmp_path / "tables" / f"{name}.tex").read_text()
+        assert text.count("{[}up] & ") == text.count("{*} & ") == 1
+        assert not re.search(r"\\\\\s*[\[*]", text)
 
 
 class Tags(HTMLParser):

@@ -1,9 +1,11 @@
 """mdesign schema: the JSON Schema of missions, robot models, PFSMs and studies, for editors."""
 
 import json
+from typing import Any
 
 import click
 
+from mercator_design.cli.contents import kind_of_name
 from mercator_design.cli.options import PLUGIN
 from mercator_design.command import print_result
 from mercator_design.config.json_schema import json_schema
@@ -13,11 +15,18 @@ from mercator_design.sim.robot_model import RobotModel
 from mercator_design.studies.plan import StudyPlan
 
 
+class _Kind(click.Choice):  # type: ignore[type-arg]  # has no argument in click before 8.2
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ANN401
+        return str(super().convert(kind_of_name(str(value)) or value, param, ctx))
+
+
 @click.command()
-@click.argument("kind", type=click.Choice(["mission", "robot-model", "fsm", "study"]), default="mission")
+@click.argument("kind", type=_Kind(["mission", "robot-model", "fsm", "study"]), default="mission")
 @PLUGIN
 def schema(kind: str) -> None:
     """Print the JSON Schema of a mission, a robot model, an fsm.yaml or a study, for an editor to check it.
+
+    The name of a shipped file stands for its kind.
 
     \b
     mdesign schema > mission.schema.json

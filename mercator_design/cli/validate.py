@@ -6,11 +6,11 @@ from typing import Any
 
 import click
 
-from mercator_design.cli.contents import content_of, is_study
+from mercator_design.cli.contents import content_of, is_study, kind_of_name
 from mercator_design.cli.inputs import new_simulator, warn_of_mission
 from mercator_design.cli.options import FLAVOUR
 from mercator_design.command import FILE, LENIENT, print_error, print_note, print_result, read_controller, warn
-from mercator_design.config import shipped, spelling
+from mercator_design.config import spelling
 from mercator_design.config.schema import Kind, fields_of
 from mercator_design.errors import FsmError, MissionError, StudyError, printable
 from mercator_design.fsm.pfsm import Pfsm
@@ -33,10 +33,10 @@ _TRIED = 100  # cycles in which functions of plugins are tried
 def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> None:
     """Check missions, robot models, FSM files and studies.
 
-    Missions, robot models, fsm.yaml and studies are *.yaml, *.yml and names of shipped missions and robot models; all
-    others are fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. An
-    objective or floor dynamic of a plugin is tried on the first 100 cycles of an experiment with robots that stand
-    still. Prints a line for each file. The exit code is 3 if any file is invalid.
+    Missions, robot models, fsm.yaml and studies are *.yaml, *.yml and names of shipped ones; all others are
+    fsm.txt. A mission is valid only if its robots find places to start from, and its score can differ. An objective
+    or floor dynamic of a plugin is tried on the first 100 cycles of an experiment with robots that stand still.
+    Prints a line for each file. The exit code is 3 if any file is invalid.
     """
     invalid = False
     for file in files:
@@ -51,10 +51,10 @@ def validate(files: tuple[Path, ...], flavour: str | None, lenient: bool) -> Non
 
 def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
     """Describe a valid file in a few words."""
-    names = {*shipped.missions(), *shipped.robot_models()}
-    if file.suffix.lower() in {".yaml", ".yml"} or (str(file) in names and not file.exists()):
+    kind = "" if file.exists() else kind_of_name(str(file))
+    if file.suffix.lower() in {".yaml", ".yml"} or kind:
         content = content_of(file)
-        if is_study(content):
+        if kind == "study" or is_study(content):
             from mercator_design.cli.study.run import checked_study  # pandas comes with these
             from mercator_design.studies.plan import load_plan
 
@@ -72,7 +72,7 @@ def _validated(file: Path, flavour: str | None, lenient: bool) -> str:
             return _described(file, flavour, lenient)
         # Keys of both and misspelt ones do not count.
         of_models, of_missions = {"base", *_only_of(RobotModel, Mission)}, _only_of(Mission, RobotModel)
-        if str(file) in shipped.robot_models() or len(keys & of_models) > len(keys & of_missions):
+        if kind == "robot-model" or len(keys & of_models) > len(keys & of_missions):
             model = load_robot_model(str(file))
             warn(*model_warnings(model), *(warning.message for warning in angle_warnings(model)))
             return f"valid robot model {model.name}"

@@ -9,6 +9,8 @@ import pytest
 import yaml
 
 import mercator_design as md
+from mercator_design.cli.contents import kind_of_name
+from mercator_design.config import shipped
 from mercator_design.config.loading import parse
 from mercator_design.errors import StudyError
 from mercator_design.race.executors.executor import ExecutorStopped
@@ -408,6 +410,19 @@ def test_validate_knows_studies(tmp_path, mdesign):
     assert code == 3
     assert "duplicate key 'repetitions'" in err
     assert "unknown key" not in err
+
+
+def test_a_shipped_study_is_known_by_its_name(mdesign, monkeypatch):
+    assert mdesign("validate", "maple")[:2] == (0, "maple: valid study, 40 designs, 412000 experiments\n")
+    assert mdesign("schema", "maple")[1] == mdesign("schema", "study")[1]
+    assert mdesign("schema", "aggregation")[1] == mdesign("schema")[1]
+    known = {**shipped.missions(), **shipped.robot_models(), **shipped.studies()}
+    assert all(map(kind_of_name, known)), "no name is of two shipped files"
+    monkeypatch.setattr(shipped, "studies", lambda: {"aggregation": known["maple"]})
+    for verb in ("validate", "schema"):
+        code, _, err = mdesign(verb, "aggregation")
+        assert code == 3
+        assert "aggregation: expected the name of one shipped file, found a mission and a study" in err
 
 
 def test_the_schema_of_studies(mdesign):

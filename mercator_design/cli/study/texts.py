@@ -12,13 +12,19 @@ from mercator_design.studies.running import StudyProgress
 from mercator_design.studies.statistics.comparison import MIN_DESIGNS
 from mercator_design.studies.statistics.power import POWER, visible
 
+_MIN_SECONDS, _MIN_EXPERIMENTS = 2.0, 10
+"""The least base of a rate."""
 _STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to run")
 
 
 class StudyDisplay(Display):
-    """Progress of a study: the cell that runs, the experiments of all, their rate, and the time left."""
+    """Progress of a study: the cell that runs, the experiments of all, their rate, and the time left.
+
+    The rate is counted from the first new experiment on, before which code is compiled, and is told when it has a base.
+    """
 
     _line_of: Cell | None = None
+    _first: tuple[float, int] | None = None  # when the first new experiments had ended, and their number
 
     def note(self, progress: StudyProgress) -> None:
         """Show the progress, in any case when the first experiment of a cell has run."""
@@ -30,6 +36,13 @@ class StudyDisplay(Display):
             self.line.conclude(self._state(text, progress.done))
         elif not self._is_silent():
             self.show(progress.done, text)
+
+    def _rate(self, new: int) -> float:
+        if not new:
+            return 0.0
+        since, before = self._first = self._first or (self.seconds, new)
+        seconds, more = self.seconds - since, new - before
+        return more / seconds if seconds >= _MIN_SECONDS and more >= _MIN_EXPERIMENTS else 0.0
 
 
 def status_text(status: StudyStatus, layout: StudyLayout) -> str:

@@ -9,7 +9,7 @@ from datetime import timedelta
 from typing import Literal, NamedTuple, Protocol, Self, get_args
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Column
 
 from mercator_design.command import print_message
@@ -41,8 +41,14 @@ class _State(NamedTuple):
 
     @property
     def pace(self) -> str:
-        """The rate as text."""
-        return f"{self.rate:.0f}/s" if self.rate >= 10 else f"{self.rate:.2g}/s"
+        """The rate as text; empty if it is not known."""
+        return f"{self.rate:.0f}/s" if self.rate >= 10 else f"{self.rate:.2g}/s" * (self.rate > 0)
+
+    @property
+    def left(self) -> str:
+        """The remaining time as text; empty if it is not known or there is none."""
+        left = (self.total - self.done) / self.rate if self.rate > 0 else 0.0
+        return str(timedelta(seconds=round(left))) if 0.5 < left < 1e9 else ""
 
 
 class _Line:
@@ -106,11 +112,9 @@ class _PlainLines(_Line):
 
     def _print(self, state: _State) -> None:
         self._printed = self._clock()
-        total, pace = f"/{state.total}" if state.total else "", ""
-        if state.rate > 0:
-            left = (state.total - state.done) / state.rate
-            pace = f", {state.pace}" + (f", {timedelta(seconds=round(left))} left" if 0.5 < left < 1e9 else "")
-        print_message(f"{state.text}, {state.done}{total} {state.unit}{pace}")
+        total, pace = f"/{state.total}" if state.total else "", f", {state.pace}" if state.pace else ""
+        left = f", {state.left} left" if state.left else ""
+        print_message(f"{state.text}, {state.done}{total} {state.unit}{pace}{left}")
 
 
 class _MovingLine(_Line):
@@ -130,13 +134,13 @@ class _MovingLine(_Line):
             *([BarColumn(bar_width=10)] if self.is_wide else []),
             MofNCompleteColumn(table_column=Column(no_wrap=True)),
             TextColumn("{task.fields[rate]}", table_column=Column(no_wrap=True)),
-            TimeRemainingColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
             console=console,
             transient=True,
             expand=True,
             redirect_stdout=sys.stdout.isatty(),
         )
-        self._task = self._progress.add_task("", total=None, rate="")
+        self._task = self._progress.add_task("", total=None, rate="", left="")
 
     def start(self) -> None:
         self._progress.start()
@@ -146,7 +150,12 @@ class _MovingLine(_Line):
 
     def show(self, state: _State) -> None:
         self._progress.update(
-            self._task, completed=state.done, total=state.total, rate=state.pace, description=state.text
+            self._task,
+            completed=state.done,
+            total=state.total,
+            rate=state.pace,
+            left=state.left,
+            description=state.text,
         )
 
 
@@ -215,8 +224,11 @@ class Display:
         self.line.show(self._state(self._text, done))
 
     def _state(self, text: str, done: int) -> _State:
-        rate = max(done - self.known, 0) / max(self.seconds, 1e-3)
-        return _State(printable(text), done, self._total, rate, self._unit)
+        return _State(printable(text), done, self._total, self._rate(max(done - self.known, 0)), self._unit)
+
+    def _rate(self, new: int) -> float:
+        """What is done in a second, of what is new; 0 if that is not known."""
+        return new / max(self.seconds, 1e-3)
 
 
 class Raced(Protocol):

@@ -5,7 +5,7 @@ and viridis for scales. Marks have tooltips, and their values as `data-` attribu
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import unescape
 from typing import NamedTuple
@@ -76,7 +76,7 @@ class Dot(NamedTuple):
     remark: str = ""
     colour: int = 0
     quartiles: tuple[float, float, float] | None = None
-    is_notched: bool = False  # whether the interval is the notch of the box, its waist
+    is_pale: bool = False  # whether its marks are hollow, where they can be
 
 
 class Thread(NamedTuple):
@@ -116,7 +116,7 @@ def line_chart(lines: Sequence[ChartLine], x: Axis, y: Axis) -> str:
     )
     drawn = []
     for k, line in enumerate(lines):
-        colour = _colour(k)
+        colour = colour_of(k)
         if line.low:
             there = [frame.at(*point) for point in zip(line.x, line.high, strict=True)]
             back = [frame.at(*point) for point in zip(line.x, line.low, strict=True)]
@@ -153,14 +153,14 @@ def bar_chart(names: Sequence[str], kinds: Sequence[Bars], x: Axis, y: Axis) -> 
             below[place] += value
             drawn.append(
                 f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}" '
-                f'fill="{_colour(k)}" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
+                f'fill="{colour_of(k)}" data-name="{escaped(names[place])}" data-value="{value:.6g}">'
                 f"<title>{escaped(names[place])}, {escaped(kind.name)}: {number(value)}</title></rect>"
             )
     return frame.svg(drawn)
 
 
-def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
-    """A row for each value: a dot with its interval, before its single values and the box of their quartiles."""
+def interval_chart(rows: Sequence[Dot], x: Axis, draw: Callable[..., Iterable[str]] | None = None) -> str:
+    """A row for each value, with its mark: by default a dot with its interval, over the single values and their box."""
     left = 14.0 + 7.0 * max(len(unescape(label(row.name))) for row in rows)
     right = 16.0 + 7.0 * max(len(row.remark) for row in rows)
     frame = ChartFrame(
@@ -172,36 +172,36 @@ def interval_chart(rows: Sequence[Dot], x: Axis) -> str:
         left=left,
         right=right,
     )
-    drawn = []
+    drawn: list[str] = []
     for k, row in enumerate(rows):
-        y, colour = frame.top + _ROW * (k + 0.5), _colour(row.colour)
-        x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
-        faint, aside = (0.6, (-5.5, 5.5, -3.0, 3.0)) if row.is_notched else (0.22, (0.0,))
+        y = frame.top + _ROW * (k + 0.5)
         drawn += [
-            f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y + aside[place % len(aside)]:.1f}" r="2.2" '
-            f'fill="{colour}" fill-opacity="{faint}"/>'
-            for place, value in enumerate(row.values)
-        ]
-        if row.quartiles is not None:
-            lower, median, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)
-            a, b, waist = (max(x_low, lower), min(x_high, upper), 4.0) if row.is_notched else (median, median, 8.0)
-            top, wide = y - 8.0, y - waist
-            drawn.append(
-                f'<path d="M{lower:.1f} {top:.1f}H{a:.1f}L{median:.1f} {wide:.1f}L{b:.1f} {top:.1f}H{upper:.1f}v16'
-                f"H{b:.1f}L{median:.1f} {y + waist:.1f}L{a:.1f} {y + 8:.1f}H{lower:.1f}z"
-                f'M{median:.1f} {wide:.1f}v{2 * waist:.0f}" fill="{colour}" fill-opacity=".14" stroke="{colour}" '
-                'stroke-opacity=".6"/>'
-            )
-        drawn.append(
             f'<g data-name="{escaped(row.name)}" data-mean="{row.middle:.6g}" data-low="{row.low:.6g}" '
             f'data-high="{row.high:.6g}"><title>{escaped(row.name)}: {number(row.middle)}, {number(row.low)} to '
-            f'{number(row.high)}</title><path d="M{x_low:.1f} {y:.1f}H{x_high:.1f}M{x_low:.1f} {y - 4:.1f}v8'
-            f'M{x_high:.1f} {y - 4:.1f}v8" stroke="{colour}" stroke-width="2" fill="none"/>'
-            f'<circle cx="{x_middle:.1f}" cy="{y:.1f}" r="4.5" fill="{colour}"/></g>'
-        )
-        drawn.append(_text(frame.left - 8, y + 4, label(row.name), "end"))
-        drawn.append(_text(frame.width - frame.right + 8, y + 4, escaped(row.remark), is_tick=True))
+            f"{number(row.high)}</title>{''.join((draw or _interval_mark)(frame, row, y))}</g>",
+            _text(frame.left - 8, y + 4, label(row.name), "end"),
+            _text(frame.width - frame.right + 8, y + 4, escaped(row.remark), is_tick=True),
+        ]
     return frame.svg(drawn)
+
+
+def _interval_mark(frame: "ChartFrame", row: Dot, y: float) -> Iterator[str]:
+    """A dot with its interval, before its single values and the box of their quartiles."""
+    colour = colour_of(row.colour)
+    x_low, x_middle, x_high = (frame.at(value, 0.0)[0] for value in (row.low, row.middle, row.high))
+    for value in row.values:
+        yield f'<circle cx="{frame.at(value, 0.0)[0]:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}" fill-opacity=".22"/>'
+    if row.quartiles is not None:
+        lower, median, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)
+        yield (
+            f'<path d="M{lower:.1f} {y - 8:.1f}H{upper:.1f}v16H{lower:.1f}zM{median:.1f} {y - 8:.1f}v16" '
+            f'fill="{colour}" fill-opacity=".14" stroke="{colour}" stroke-opacity=".6"/>'
+        )
+    yield (
+        f'<path d="M{x_low:.1f} {y:.1f}H{x_high:.1f}M{x_low:.1f} {y - 4:.1f}v8M{x_high:.1f} {y - 4:.1f}v8" '
+        f'stroke="{colour}" stroke-width="2" fill="none"/><circle cx="{x_middle:.1f}" cy="{y:.1f}" r="4.5" '
+        f'fill="{colour}"/>'
+    )
 
 
 def heat_map(
@@ -333,7 +333,7 @@ class ChartFrame:
 
     def _legend(self) -> Iterator[str]:
         for k, (name, (x, y)) in enumerate(zip(self.legend, self.places, strict=True)):
-            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{_colour(k)}"/>'
+            yield f'<rect x="{x:.1f}" y="{y - 9:.1f}" width="12" height="10" rx="2" fill="{colour_of(k)}"/>'
             yield _text(x + 17, y, label(name, 60))
 
 
@@ -373,7 +373,7 @@ def _limits(axis: Axis, values: Sequence[float]) -> tuple[float, float]:
     return _range(axis if axis.categories else axis._replace(low=low, high=high), [])
 
 
-def _colour(k: int) -> str:
+def colour_of(k: int) -> str:
     """The colour of the k-th line or kind."""
     return f"var(--k{k % len(COLOURS)})"
 

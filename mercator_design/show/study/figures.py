@@ -20,7 +20,7 @@ from mercator_design.errors import printable
 from mercator_design.scores import ScoreRange
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
-from mercator_design.show.study.boxes import MIN_BOXED, ONE_OBJECTIVE
+from mercator_design.show.study.boxes import MIN_BOXED, ONE_OBJECTIVE, WIDE, moved_aside
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import ranks_by_objective
@@ -164,12 +164,14 @@ def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: Sc
         k = numbers[box.level]
         colour = _colour(k)
         if len(box.values) < MIN_BOXED:
-            axes.hlines(np.median(box.values), box.place - 0.31, box.place + 0.31, colors=[colour], linewidth=1.3)
+            axes.hlines(
+                np.median(box.values), box.place - WIDE / 2, box.place + WIDE / 2, colors=[colour], linewidth=1.3
+            )
         else:
             axes.boxplot(
                 [box.values],
                 positions=[box.place],
-                widths=0.62,
+                widths=WIDE,
                 notch=True,
                 conf_intervals=[_waist(box.values, possible)],
                 whis=(0, 100),
@@ -185,7 +187,7 @@ def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: Sc
                 capprops={"color": colour, "linewidth": 0.7},
             )
         axes.scatter(
-            box.place + _aside(box.values),
+            box.place + moved_aside(box.values),
             box.values,
             s=5.0,
             marker=_MARKS[k % len(_MARKS)],
@@ -209,12 +211,6 @@ def _waist(values: Floats, possible: ScoreRange) -> tuple[float, float]:
     low, high = possible.clipped(*notch(values))
     start, end = np.percentile(values, [25, 75]).tolist()
     return max(low, start), min(high, end)
-
-
-def _aside(values: Floats) -> Floats:
-    """How far each point is moved aside, so that points of near values do not hide each other."""
-    order = np.argsort(np.argsort(values, kind="stable"), kind="stable")
-    return np.array([-0.16, 0.08, -0.08, 0.16, 0.0])[order % 5]
 
 
 def _colour(k: int) -> str:

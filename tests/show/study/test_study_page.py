@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from mercator_design.show.study.boxes import chart_of_realities
 from mercator_design.show.study.folder import write_study
 from mercator_design.show.study.tables import latex
 from mercator_design.show.study.verdicts import (
@@ -194,6 +195,26 @@ def test_latex_tables_have_cells_for_all_columns(folder):
         cells = [line for line in lines if line.endswith(r" \\")]
         assert len(cells) == (3 if name == "scores" else 7)
         assert {len(re.split(r"(?<!\\)&", line)) for line in cells} == {len(columns)}
+
+
+def test_boxes_of_the_page_are_those_of_the_figures_turned():
+    """Whiskers to the extremes, a bold median, hollow points elsewhere; few designs have no box."""
+    few = run_rows({("up", "a"): GOOD, ("up", "b"): BAD[:4]})
+    table = study_table(few + run_rows({("up", "a"): BAD}, reality="field"))
+    drawn = re.findall(r'<g data-name="(.+?)".*?</title>(.*?)</g>', chart_of_realities(table, "up"))
+    assert [name for name, _ in drawn] == ["a, the design model", "a, field", "b, the design model"]
+    for (_, row), n_designs, is_boxed, fill in zip(
+        drawn, (5, 5, 4), (True, True, False), ("var(--k0)", "none", "var(--k1)"), strict=True
+    ):
+        *box, median = re.findall(r'<path d="(.+?)"', row)
+        points = [float(x) for x in re.findall(r'<circle cx="([\d.]+)"', row)]
+        assert len(points) == n_designs
+        assert len(box) == is_boxed
+        assert float(re.match(r"M([\d.]+)", median)[1]) == pytest.approx(np.median(points), abs=0.1)
+        assert set(re.findall(r'<circle [^>]*? fill="(.+?)"', row)) == {fill}
+        if is_boxed:
+            across = [float(x) for x in re.findall(r"[MHL]([\d.]+)", box[0])]
+            assert (min(across), max(across)) == (min(points), max(points))
 
 
 def test_figures_have_the_width_of_a_column(folder):

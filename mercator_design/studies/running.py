@@ -1,5 +1,7 @@
 """Runs the cells of a study, one after the other, each on all workers of an executor.
 
+What that loses with many workers, and how parts in several processes lose less: docs/explanation/scaling.md.
+
 What a cell has done is in its run folder: a race that was interrupted is resumed, a design that is assessed already is
 not assessed again. So the same command resumes a study, and runs what is new in it.
 """

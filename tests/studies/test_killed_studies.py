@@ -3,12 +3,15 @@
 A process sends the signal to itself at a moment of its work, so nothing depends on how fast it is.
 """
 
+import logging
 import os
 import signal
 import sys
 
 import pytest
 
+from mercator_design.race.session.events import SessionStarted
+from mercator_design.race.session.journal import read
 from mercator_design.studies.reading import read_status, study_table
 from tests.processes import LIMIT, started
 
@@ -100,6 +103,34 @@ def test_signals_end_a_study_with_the_command_that_resumes_it(number, code, plan
     assert 20 <= read_status(folder).done < TOTAL / 2
 
 
-def test_worker_processes_give_the_same_tables(plan, whole, tmp_path, mdesign_once):
-    mdesign_once("study", plan, "-o", tmp_path / "p", "-q", "--executor", "processes", "-j", 2)
-    assert study_table(tmp_path / "p").runs.equals(whole.runs)
+@pytest.fixture
+def dask():
+    """The address of a local cluster of two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(params=["processes", "concurrent.futures:ProcessPoolExecutor", "dask"])
+def executor(request):
+    """The options of an executor."""
+    if request.param == "dask":
+        return "--executor", "dask", "--scheduler", request.getfixturevalue("dask")
+    return "--executor", request.param, "-j", 2
+
+
+def test_other_executors_give_the_same_files(executor, plan, whole, tmp_path):
+    folder = tmp_path / "study"
+    command = (sys.executable, "-m", "mercator_design", "study", plan, "-o", folder, "-q", *executor)
+    with started(*command) as process:
+        assert process.wait(LIMIT) == 0
+    assert study_table(folder).runs.equals(whole.runs)
+    for pattern in ("fsm.txt", "assessment.json", "results.csv"):
+        files = [*(plan.parent / "whole").rglob(pattern)]
+        assert files
+        for file in files:
+            assert (folder / file.relative_to(plan.parent / "whole")).read_bytes() == file.read_bytes(), file
+    sessions = [one for journal in folder.rglob("journal.jsonl") for one in read(journal).record.sessions]
+    assert {one.executor for one in sessions if isinstance(one, SessionStarted)} == {executor[1]}

@@ -168,8 +168,9 @@ def sweep(
         watch: Called with the number of experiments done.
 
     Returns:
-        A row for each run: key, value, method, design, instance, seed, score, failure, digest. A value or design
-        without any score has one row, whose `failure` says why.
+        A row for each run: key, value, method, design, instance, seed, score, failure, digest; of a mission with
+        several objectives without weights one for each, with the column `objective` before the score. A value or
+        design without any score has one row, whose `failure` says why.
 
     Raises:
         MissionError: Density is kept of another key than robots.

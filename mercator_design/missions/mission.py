@@ -261,6 +261,16 @@ class Mission(FromFile):
         size = ExperimentSize(self.robots, self.cycles, floor, self.floor.zone_rows())
         return tuple(one.possible_scores(size) for one in self.all_objectives)
 
+    def compared_by(self) -> dict[str, ScoreRange]:
+        """By what its designs are compared, with the ranges of scores: each of several objectives, else one nameless.
+
+        Raises:
+            MissionError: if a function of a plugin fails.
+        """
+        if not self.is_ranked_by_all:
+            return {"": self.possible_scores()}
+        return dict(zip(self.objective_names, self.possible_by_objective(), strict=True))
+
     @property
     def digest(self) -> str:
         """Equal for equal missions, wherever their files are; contents of files count, except the robot model's.

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mercator_design.results.analysis.sweep import COLUMNS, CurvePoint, SettingSweep, SweptRun
+from mercator_design.results.analysis.sweep import OBJECTIVE, CurvePoint, SettingSweep, SweptRun
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import file_of, house_style
 from mercator_design.show.text.columns import aligned
@@ -25,34 +26,48 @@ CURVES = "curves.csv"
 DATA = "sweep.json"
 FIGURES = ("curves.png", "curves.pdf")
 
-_WIDTH, _HEIGHT = 3.5, 2.6  # [inch] of a column of a paper
+_WIDTH, _HEIGHT, _PANEL = 3.5, 2.6, 2.0  # [inch] of a column of a paper; heights alone, and of each of several
 _MARKERS = "osD^vPX"
 
 
 def runs_csv(sweep: SettingSweep, runs: Sequence[SweptRun]) -> str:
     """A row for each run."""
-    return csv_text([COLUMNS, *sweep.rows(runs)])
+    return csv_text([sweep.columns, *sweep.rows(runs)])
 
 
 def curves_csv(sweep: SettingSweep, points: Sequence[CurvePoint]) -> str:
-    """A row for each method and value."""
+    """A row for each method and value, and each of several objectives."""
     labels = {repr(one.value): one.label for one in sweep.settings}
-    rows = [(sweep.key, labels[repr(value)], method, *rest) for method, value, *rest in points]
-    return csv_text([("key", "value", *(name for name in CurvePoint._fields if name != "value")), *rows])
+    rows = [{"key": sweep.key, **_fields(one), "value": labels[repr(one.value)]} for one in points]
+    return csv_text([[*rows[0]], *(one.values() for one in rows)])
+
+
+def _fields(point: CurvePoint) -> dict[str, Any]:
+    """A point as data; with its objective only if the mission has several."""
+    return {
+        "value": point.value,
+        **{name: one for name, one in point._asdict().items() if name != OBJECTIVE or one},
+    }
 
 
 def sweep_text(sweep: SettingSweep, points: Sequence[CurvePoint]) -> str:
-    """The table of the curves, a row for each value, and below it why values have no score."""
+    """The tables of the curves, one for each objective, a row for each value; below them why values have no score."""
     methods = list(dict.fromkeys(one.method for one in points))
-    cells = {(one.method, repr(one.value)): one for one in points}
-    rows = [[sweep.key, *methods]]
-    rows += [[one.label, *(_cell(cells[method, repr(one.value)]) for method in methods)] for one in sweep.settings]
-    lines = aligned(rows)
+    lines = []
+    for objective in dict.fromkeys(one.objective for one in points):
+        cells = {(one.method, repr(one.value)): one for one in points if one.objective == objective}
+        rows = [[sweep.key, *methods]]
+        rows += [[one.label, *(_cell(cells[method, repr(one.value)]) for method in methods)] for one in sweep.settings]
+        lines += [f"{objective} ({_direction(sweep, objective)})"] if objective else []
+        lines += [*aligned(rows), *([""] if objective else [])]
     for setting in sweep.settings:
-        of_value = [cells[method, repr(setting.value)] for method in methods]
-        for failure in dict.fromkeys(one.failure for one in of_value if one.failure):
-            lines.append(f"{sweep.key} {setting.label}: {failure}")
-    return "\n".join(lines)
+        failures = [one.failure for one in points if one.failure and repr(one.value) == repr(setting.value)]
+        lines += [f"{sweep.key}={setting.label}: {failure}" for failure in dict.fromkeys(failures)]
+    return "\n".join(lines).rstrip()
+
+
+def _direction(sweep: SettingSweep, objective: str) -> str:
+    return "maximise" if sweep.objectives[objective].maximise else "minimise"
 
 
 def _cell(point: CurvePoint) -> str:
@@ -69,10 +84,14 @@ def sweep_data(sweep: SettingSweep, points: Sequence[CurvePoint]) -> dict[str, A
         "key": sweep.key,
         "values": [one.value for one in sweep.settings],
         "mission": simulators[0].mission.name if simulators else None,
-        "direction": simulators[0].mission.direction if simulators else None,
+        **(
+            {"objectives": {name: _direction(sweep, name) for name in sweep.objectives}}
+            if any(sweep.objectives)
+            else {"direction": simulators[0].mission.direction if simulators else None}
+        ),
         "seeds": [*sweep.seeds],
         "designs": [{"name": one.name, "method": one.method} for one in sweep.designs],
-        "curves": [one._asdict() for one in points],
+        "curves": [_fields(one) for one in points],
     }
 
 
@@ -88,49 +107,48 @@ def sweep_figure(
         caption: Small, below the figure.
         log: Whether the values have a logarithmic axis, if they are numbers.
     """
-    data = sweep_data(sweep, points)
+    objectives = list(dict.fromkeys(one.objective for one in points))
+    height = _HEIGHT if len(objectives) == 1 else _PANEL * len(objectives)
+    with house_style():
+        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+        panels = figure.subplots(len(objectives), sharex=True, squeeze=False)[:, 0]
+        for axes, objective in zip(panels, objectives, strict=True):
+            _draw(axes, sweep, [one for one in points if one.objective == objective], log=log)
+            if objective:
+                axes.set_ylabel(f"{objective}, {_direction(sweep, objective)}d")
+        panels[-1].set_xlabel(sweep.key)
+        panels[0].legend(fontsize=6.5, frameon=False)
+        return file_of(figure, suffix, caption)
+
+
+def _draw(axes: Axes, sweep: SettingSweep, points: Sequence[CurvePoint], *, log: bool) -> None:
+    """The curves by one objective."""
     is_numeric = sweep.is_numeric
     places = {repr(one.value): float(one.value) if is_numeric else k for k, one in enumerate(sweep.settings)}
-    with house_style():
-        figure = Figure(figsize=(_WIDTH, _HEIGHT), layout="constrained")
-        axes = figure.add_subplot()
-        for k, method in enumerate(dict.fromkeys(one.method for one in points)):
-            colour, own = (
-                COLOURS[k % len(COLOURS)],
-                sorted((one for one in points if one.method == method), key=lambda one: places[repr(one.value)]),
-            )
-            for part in _whole_parts(own):
-                x = [places[repr(one.value)] for one in part]
-                middle, low, high = (
-                    [_number(each) for each in one] for one in zip(*(p[2:5] for p in part), strict=True)
-                )
-                axes.plot(x, middle, color=colour, marker=_MARKERS[k % len(_MARKERS)], ms=3, lw=1.1)
-                axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-                if len(part) == 1:  # a band of one point is not seen
-                    axes.vlines(x, low, high, color=colour, lw=1.1)
-            axes.plot([], [], color=colour, marker=_MARKERS[k % len(_MARKERS)], ms=3, lw=1.1, label=method)
-        if holes := sorted({places[repr(one.value)] for one in points if one.mean is None}):
-            axes.plot(
-                holes,
-                [0.03] * len(holes),
-                "x",
-                color="#7a7a7a",
-                ms=5,
-                transform=axes.get_xaxis_transform(),
-                label="no score",
-                clip_on=False,
-            )
-        if not is_numeric:
-            axes.set_xticks(range(len(places)), [one.label for one in sweep.settings], rotation=20, ha="right")
-        elif log:
-            axes.set_xscale("log")
-        elif all(isinstance(one.value, int) for one in sweep.settings):
-            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.grid(linewidth=0.3)
-        axes.set_xlabel(sweep.key)
-        axes.set_ylabel(f"score of {data['mission']}, {data['direction']}d" if data["mission"] else "score")
-        axes.legend(fontsize=6.5, frameon=False)
-        return file_of(figure, suffix, caption)
+    for k, method in enumerate(dict.fromkeys(one.method for one in points)):
+        colour, marker = COLOURS[k % len(COLOURS)], _MARKERS[k % len(_MARKERS)]
+        own = sorted((one for one in points if one.method == method), key=lambda one: places[repr(one.value)])
+        for part in _whole_parts(own):
+            x = [places[repr(one.value)] for one in part]
+            middle, low, high = ([_number(each) for each in one] for one in zip(*(p[3:6] for p in part), strict=True))
+            axes.plot(x, middle, color=colour, marker=marker, ms=3, lw=1.1)
+            axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+            if len(part) == 1:  # a band of one point is not seen
+                axes.vlines(x, low, high, color=colour, lw=1.1)
+        axes.plot([], [], color=colour, marker=marker, ms=3, lw=1.1, label=method)
+    if holes := sorted({places[repr(one.value)] for one in points if one.mean is None}):
+        across = axes.get_xaxis_transform()
+        marks = [0.03] * len(holes)
+        axes.plot(holes, marks, "x", color="#7a7a7a", ms=5, transform=across, label="no score", clip_on=False)
+    if not is_numeric:
+        axes.set_xticks(range(len(places)), [one.label for one in sweep.settings], rotation=20, ha="right")
+    elif log:
+        axes.set_xscale("log")
+    elif all(isinstance(one.value, int) for one in sweep.settings):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(linewidth=0.3)
+    data = sweep_data(sweep, points)
+    axes.set_ylabel(f"score of {data['mission']}, {data.get('direction')}d" if data["mission"] else "score")
 
 
 def _number(value: float | None) -> float:

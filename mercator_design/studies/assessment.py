@@ -3,7 +3,7 @@
 The instances are those of `mdesign evaluate --seed` with the study's seed, the same for all designs.
 """
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +17,7 @@ from mercator_design.errors import StudyError
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.race.executors.executor import Executor, in_order
-from mercator_design.race.session.events import Measurement
+from mercator_design.results.analysis.evaluation import Experimenters
 from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.architectures import text_of
@@ -59,22 +59,6 @@ class Assessment:
                 "the design again"
             )
         return rows
-
-
-class Assessor:
-    """Runs an experiment in one of several simulators; an item is the simulator's number, control software and seed."""
-
-    def __init__(self, experimenters: tuple[Experimenter, ...]) -> None:
-        self._experimenters = experimenters
-
-    def __call__(self, item: tuple[int, Software, int]) -> Measurement:
-        number, software, seed = item
-        return self._experimenters[number]((software, seed))
-
-    def in_steps(self, item: tuple[int, Software, int]) -> Generator[None, None, Measurement]:
-        """The same, in the steps of an `Experimenter`."""
-        number, software, seed = item
-        return self._experimenters[number].in_steps((software, seed))
 
 
 def read_assessment(folder: Path) -> Assessment | None:
@@ -154,7 +138,7 @@ def assess(
     if not items:
         return
     flavour = flavour_of(software.flavour)
-    assessor = Assessor(tuple(Experimenter(one, flavour) for one in simulators))
+    assessor = Experimenters([Experimenter(one, flavour) for one in simulators])
     scores = {name: [*found] for name, found in before.items()}
     for name, measured in zip(owners, in_order(executor, assessor, items, watch, stopped), strict=True):
         scores.setdefault(name, []).append(measured.scores if by_each else (measured.score,))

@@ -65,7 +65,7 @@ def test_a_design_without_its_senses_is_a_hole():
         seeds=[1],
     )
     runs = ran(task)
-    assert [one.score is None for one in sorted(runs, key=lambda one: one.design)] == [False, True]
+    assert [one.scores == () for one in sorted(runs, key=lambda one: one.design)] == [False, True]
     assert "needs neighbours" in sweep_text(task, task.curves(runs))
     assert task.size == 1
 
@@ -97,7 +97,9 @@ def test_assignments_hold_for_all_values():
 def test_wrong_keys_and_values_name_their_place(key):
     (one,) = settings_of(SMALL, None, key, ["x"])
     assert one.simulator is None
-    assert f"--set {key}" in one.failure
+    assert one.failure.startswith(("unknown key", "expected"))  # who shows it names key and value
+    (one,) = settings_of(SMALL, None, "duration", [3], overrides=[f"{key}=x"])
+    assert one.failure.startswith(f"--set {key}=x: ")
 
 
 def test_a_scaled_arena_is_the_same_in_another_size():
@@ -128,13 +130,13 @@ def test_kept_density_gives_each_robot_the_same_room():
 def test_the_unit_of_a_curve_is_the_design_if_there_are_several():
     task = swept(values=(1,), designs=(("a", WALK, "both"), ("b", STAY, "both")))
     (point,) = task.curves(
-        [SweptRun(0, d, k, score) for d, k, score in ((0, 0, 1.0), (0, 1, 3.0), (1, 0, 6.0), (1, 1, 8.0))]
+        [SweptRun(0, d, k, (score,)) for d, k, score in ((0, 0, 1.0), (0, 1, 3.0), (1, 0, 6.0), (1, 1, 8.0))]
     )
     assert (point.mean, point.designs, point.runs) == (4.5, 2, 4)
     half = 12.706204736 * np.std([2.0, 7.0], ddof=1) / np.sqrt(2)  # Student's t of one degree of freedom
     possible = task.settings[0].simulator.mission.possible_scores()
     assert (point.low, point.high) == pytest.approx(possible.clipped(4.5 - half, 4.5 + half))
-    (alone,) = swept(values=(1,)).curves([SweptRun(0, 0, 0, 1.0), SweptRun(0, 0, 1, 3.0)])
+    (alone,) = swept(values=(1,)).curves([SweptRun(0, 0, 0, (1.0,)), SweptRun(0, 0, 1, (3.0,))])
     assert alone.designs == 1
     assert alone.high == pytest.approx(2.0 + 12.706204736)
 
@@ -142,10 +144,12 @@ def test_the_unit_of_a_curve_is_the_design_if_there_are_several():
 def test_what_is_known_is_not_run_again():
     task = swept()
     runs = ran(task)
-    known = {(task.digest(one.setting, one.design), task.seeds[one.instance]): one.score + 1000.0 for one in runs}
-    assert task.rows(ran(task, known)) == task.rows([one._replace(score=one.score + 1000.0) for one in runs])
+    known = {
+        (task.digest(one.setting, one.design), task.seeds[one.instance]): (one.scores[0] + 1000.0,) for one in runs
+    }
+    assert task.rows(ran(task, known)) == task.rows([one._replace(scores=(one.scores[0] + 1000.0,)) for one in runs])
     other = swept(values=(1, 3))
-    assert {one.score < 1000.0 or one.setting == 0 for one in ran(other, {**known})} == {True}
+    assert {one.scores[0] < 1000.0 or one.setting == 0 for one in ran(other, {**known})} == {True}
 
 
 def test_a_failed_experiment_is_a_row_with_its_reason():
@@ -156,7 +160,7 @@ def test_a_failed_experiment_is_a_row_with_its_reason():
     task = swept(values=(1,))
     with Fails(1) as executor:
         runs = list(task.run(executor))
-    assert [one.score is None for one in sorted(runs, key=lambda one: one.instance)] == [False, True]
+    assert [one.scores == () for one in sorted(runs, key=lambda one: one.instance)] == [False, True]
     assert "ZeroDivisionError" in task.curves(runs)[0].failure
     assert task.curves(runs)[0].runs == 1
 
@@ -176,6 +180,30 @@ def test_figures_are_the_same_each_time(values):
     first, again = (sweep_figure(task, task.curves(runs), ".pdf") for _ in range(2))
     assert first == again
     assert first.startswith(b"%PDF")
+
+
+def test_each_of_several_objectives_has_rows_a_curve_and_a_panel(fsm, tmp_path):
+    out = tmp_path / "out"
+    given = (fsm, "--mission", "frugal_aggregation", "--set", "duration=2", "-o", out, "-n", "2", "-q")
+    shown = call(*given, "--over", "robots=2,500").output
+    assert "robots_in_zone (maximise)" in shown
+    assert "path_length (minimise)" in shown
+    runs = pd.read_csv(out / "runs.csv")
+    assert runs["objective"].fillna("").tolist() == [*["robots_in_zone", "path_length"] * 2, ""]
+    settings = settings_of(md.load_mission("frugal_aggregation", ["duration=2"]), None, "robots", [2])
+    scored = settings[0].simulator.run(WALK, int(runs["seed"][0])).scored
+    assert runs["score"][:2].tolist() == [*scored.by_objective]
+    curves = pd.read_csv(out / "curves.csv")
+    assert curves.groupby("objective")["mean"].count().to_dict() == {"robots_in_zone": 1, "path_length": 1}
+    assert curves.query("value == 2")["runs"].tolist() == [2, 2]
+    data = json.loads((out / "sweep.json").read_text())
+    assert data["objectives"] == {"robots_in_zone": "maximise", "path_length": "minimise"}
+    changed = (out / "runs.csv").read_text().replace(repr(float(runs["score"][1])), "123.5")
+    (out / "runs.csv").write_text(changed)
+    assert call(*given, "--over", "robots=2").exit_code == 0
+    assert pd.read_csv(out / "runs.csv")["score"][1] == 123.5  # was taken as it was
+    task = SettingSweep(key="robots", settings=settings, designs=[SweptDesign("walk", WALK, "walk")], seeds=(1,))
+    assert b"path_length" in sweep_figure(task, task.curves(ran(task)), ".svg")
 
 
 @pytest.fixture
@@ -230,6 +258,19 @@ def test_wrong_values_are_wrong_usage(fsm, tmp_path, over):
     assert "--over" in wrong.stderr
 
 
-def test_no_possible_value_is_an_error(fsm, tmp_path):
-    with pytest.raises(MissionError, match="did you mean 'robots'"):
-        call(fsm, "--mission", "grid_exploration", "-o", tmp_path / "out", "--over", "robts=1,2")
+@pytest.mark.parametrize(
+    ("given", "messages"),
+    [
+        (["--over", "robts=1,2"], ("robts: unknown key; did you mean 'robots'?",)),
+        (["--over", "robots=600"], ("robots=600: the robots do not fit",)),
+        (["--over", "robots=600,700"], ("robots=600: the robots do not fit", "robots=700: the robots do not fit")),
+        (["--over", "robots=1,2", "--set", "robot_model.failures.shar=1"], ("--set robot_model.failures.shar=1: ",)),
+    ],
+)
+def test_no_possible_value_is_an_error_that_names_key_and_value_once(fsm, tmp_path, given, messages):
+    with pytest.raises(MissionError) as error:
+        call(fsm, "--mission", "grid_exploration", "-o", tmp_path / "out", *given)
+    assert len(error.value.messages) == len(messages)
+    for found, begin in zip(error.value.messages, messages, strict=True):
+        assert found.startswith(begin)
+        assert found.count(begin.partition(":")[0]) == 1

@@ -104,7 +104,12 @@ def sweep(
         simulator.mission, simulator.robot_model, key, values, overrides=others, keeps_density=keep_density
     )
     if all(one.simulator is None for one in settings):
-        raise MissionError(*dict.fromkeys(f"{key}={one.label}: {one.failure}" for one in settings))
+        several = dict.fromkeys(one.failure for one in settings)
+        raise MissionError(
+            *(f"{key}={one.label}: {one.failure}" for one in settings)
+            if len(several) > 1 or len(settings) == 1
+            else (one if one.startswith("--set") else f"{key}: {one}" for one in several)
+        )
     for one in settings:
         if one.failure:
             warn(f"{key}={one.label} is left out: {one.failure}")
@@ -172,8 +177,8 @@ def _short(name: str) -> str:
     return path.parent.name if path.name == _WINNER and path.parent.name else path.stem
 
 
-def _known(file: Path) -> dict[tuple[str, int], float]:
-    """The scores in a table of runs, by digest and seed."""
+def _known(file: Path) -> dict[tuple[str, int], tuple[float, ...]]:
+    """The scores by each objective in a table of runs, by digest and seed."""
     if not file.exists():
         return {}
     import io
@@ -183,9 +188,9 @@ def _known(file: Path) -> dict[tuple[str, int], float]:
     try:
         table = pd.read_csv(io.StringIO(small_text(file, _MAX_TABLE, MercatorError)), dtype={"digest": str})
         scored = table.dropna(subset=["score", "seed", "digest"])
-        return {
-            (digest, int(seed)): float(score)
-            for digest, seed, score in zip(scored["digest"], scored["seed"], scored["score"], strict=True)
-        }
+        runs: dict[tuple[str, int], tuple[float, ...]] = {}
+        for digest, seed, score in zip(scored["digest"], scored["seed"], scored["score"], strict=True):
+            runs[digest, int(seed)] = (*runs.get((digest, int(seed)), ()), float(score))
+        return runs  # noqa: TRY300 - what is read has been checked
     except (ValueError, KeyError) as error:
         raise MercatorError(f"{file}: expected a table of runs that `mdesign sweep` wrote, found {error}") from None

@@ -1,12 +1,15 @@
 """The scores of control software on instances."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
+from mercator_design.designer import Experimenter
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.objectives.scoring import Scored
+from mercator_design.modules.architecture import Software
 from mercator_design.race.elimination.summary import Scores
+from mercator_design.race.session.events import Measurement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,3 +43,20 @@ class Evaluation:
             name: Scores(tuple(one.by_objective[k] for one in found), ranges[k]) for k, name in enumerate(several)
         }
         return cls(scores=scores, seeds=tuple(seeds), by_objective=by_objective)
+
+
+class Experimenters:
+    """Runs an experiment in one of several simulators; an item is its number, control software and seed."""
+
+    def __init__(self, experimenters: Sequence[Experimenter]) -> None:
+        self._experimenters = tuple(experimenters)
+
+    def __call__(self, item: tuple[int, Software, int]) -> Measurement:
+        """As an `Experimenter`."""
+        number, software, seed = item
+        return self._experimenters[number]((software, seed))
+
+    def in_steps(self, item: tuple[int, Software, int]) -> Generator[None, None, Measurement]:
+        """As an `Experimenter`."""
+        number, software, seed = item
+        return self._experimenters[number].in_steps((software, seed))

@@ -26,7 +26,7 @@ MAX_SCALE = 1000.0
 _LENGTHS = {"apothem", "radius", "inner_radius", "size", "side", "square_side", "circle_radius"}
 _PLACES = {"vertices", "center", "centers", "point", "poses", "waiting", "position", "square_center", "circle_center"}
 """Keys with places of the arena: x and y, and perhaps what stays as it is, or lists of such."""
-_SCALED = ("arena", "floor", "placement", "lights", "objective")
+_SCALED = ("arena", "floor", "placement", "lights", "objective", "objectives")
 
 
 class Setting(NamedTuple):
@@ -80,17 +80,27 @@ def settings_of(
         raise MissionError(f"the density is kept where the number of robots varies, found {excerpt(key)}")
     found = []
     for value in values:
-        assignments = [*overrides, f"{key}={_yaml(value)}"]
+        assignments = [*overrides]
         if keeps_density and isinstance(value, int) and value > 0:
             assignments.append(f"{SCALE}={math.sqrt(value / mission.robots)!r}")
+        assignments.append(f"{key}={_yaml(value)}")
         try:
             simulator = _simulator_with(mission, robot_model, assignments)
             simulator.refuse_impossible()
             simulator.check_placement()
             found.append(Setting(value, simulator))
         except MercatorError as error:
-            found.append(Setting(value, None, "; ".join(error.messages)))
+            found.append(
+                Setting(value, None, "; ".join(_without_place(one, assignments[-1]) for one in error.messages))
+            )
     return found
+
+
+def _without_place(message: str, assignment: str) -> str:
+    """A message without the assignment and its key, which whoever shows it names."""
+    place = f"--set {excerpt(assignment)}: "
+    own = message.removeprefix(place)
+    return own if own == message else own.removeprefix(f"{_path(assignment).removeprefix(OF_ROBOTS)}: ")
 
 
 def _simulator_with(mission: Mission, robot_model: RobotModel | None, assignments: Sequence[str]) -> Simulator:

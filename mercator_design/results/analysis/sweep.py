@@ -7,6 +7,8 @@ sweep takes from an earlier table what it need not run again.
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mercator_design.config.writing import digest_of
@@ -18,7 +20,9 @@ from mercator_design.modules.flavour import flavour_of
 from mercator_design.plugins.loading import loaded_plugins
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, ExecutorStopped, Failed
+from mercator_design.results.analysis.evaluation import Experimenters
 from mercator_design.results.analysis.settings import Setting
+from mercator_design.scores import ScoreRange
 from mercator_design.software.architectures import text_of
 
 if TYPE_CHECKING:
@@ -26,15 +30,20 @@ if TYPE_CHECKING:
 
 COLUMNS = ("key", "value", "method", "design", "instance", "seed", "score", "failure", "digest")
 """Of a table of runs; a value or design without any score has one row, with its failure and without an instance."""
+OBJECTIVE = "objective"
+"""A further column, before the score, if a mission has several objectives without weights: then each has rows."""
 
 
 class SweptRun(NamedTuple):
-    """A run, or why there is none."""
+    """A run, or why there is none.
+
+    scores: By each objective that designs are compared by (`Mission.compared_by`); empty if there is no run.
+    """
 
     setting: int  # its place in the sweep
     design: int
     instance: int | None
-    score: float | None
+    scores: tuple[float, ...] = ()
     failure: str = ""
 
 
@@ -49,11 +58,13 @@ class SweptDesign(NamedTuple):
 class CurvePoint(NamedTuple):
     """The mean score of a method's designs at a value, with its confidence interval at 95 %.
 
+    objective: What scores are by, if a mission has several objectives without weights; else empty.
     designs: How many have scores. Of several, the interval is that of the mean over designs, each with its mean over
         instances; of a single one, that of its mean over instances.
     failure: Why there is no score, or why some runs have none; empty if all have.
     """
 
+    objective: str
     method: str
     value: Any
     mean: float | None
@@ -62,17 +73,6 @@ class CurvePoint(NamedTuple):
     designs: int
     runs: int
     failure: str
-
-
-class _Sweeper:
-    """Runs an experiment of a sweep, here or in another process; the item is (setting, software, seed)."""
-
-    def __init__(self, experimenters: Mapping[tuple[int, str], Experimenter]) -> None:
-        self._experimenters = experimenters
-
-    def __call__(self, item: tuple[int, Software, int]) -> float:
-        setting, software, seed = item
-        return self._experimenters[setting, software.flavour]((software, seed)).score
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +99,22 @@ class SettingSweep:
                 raise SimulationError(f"a sweep: expected at least one of its {name}")
         if len({one.name for one in self.designs}) < len(self.designs):
             raise SimulationError("a sweep: expected designs of different names")
+
+    @cached_property
+    def objectives(self) -> dict[str, ScoreRange]:
+        """What scores are by, with their ranges at the first value that has them."""
+        return dict(item for own in reversed(self._ranges) for item in own.items())
+
+    @cached_property
+    def _ranges(self) -> list[dict[str, ScoreRange]]:
+        """What the scores at each value are by; nothing where a value is impossible."""
+        return [{} if one.simulator is None else one.simulator.mission.compared_by() for one in self.settings]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Those of the table of runs."""
+        place = COLUMNS.index("score")
+        return (*COLUMNS[:place], OBJECTIVE, *COLUMNS[place:]) if any(self.objectives) else COLUMNS
 
     @property
     def size(self) -> int:
@@ -133,14 +149,14 @@ class SettingSweep:
     def run(
         self,
         executor: Executor,
-        known: Mapping[tuple[str, int], float] | None = None,
+        known: Mapping[tuple[str, int], tuple[float, ...]] | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> Iterator[SweptRun]:
-        """SweptRun all that is not known, and yield each run when it has ended; known ones come first.
+        """Run all that is not known, and yield each run when it has ended; known ones come first.
 
         Args:
             executor: Runs the experiments, within its context.
-            known: Scores by digest and seed.
+            known: Scores by each objective, by digest and seed.
             stopped: Returns whether to stop; called before each experiment.
 
         Raises:
@@ -150,50 +166,56 @@ class SettingSweep:
         todo: list[SweptRun] = []
         for k, d in self._pairs:
             if refusal := self.refusal(k, d):
-                yield SweptRun(k, d, None, None, refusal)
+                yield SweptRun(k, d, None, failure=refusal)
                 continue
             digest = self.digest(k, d)
             for instance, seed in enumerate(self.seeds):
-                score = (known or {}).get((digest, seed))
-                if score is None:
-                    todo.append(SweptRun(k, d, instance, None))
+                scores = (known or {}).get((digest, seed), ())
+                if len(scores) == len(self._ranges[k]):
+                    yield SweptRun(k, d, instance, scores)
                 else:
-                    yield SweptRun(k, d, instance, score)
-        flavours = {one.software.flavour for one in self.designs}
-        function = _Sweeper(
-            {
-                (k, flavour): Experimenter(one.simulator, flavour_of(flavour))
-                for k, one in enumerate(self.settings)
-                if one.simulator is not None
-                for flavour in flavours
-            }
+                    todo.append(SweptRun(k, d, instance))
+        experimenters = {
+            (k, flavour): Experimenter(one.simulator, flavour_of(flavour))
+            for k, one in enumerate(self.settings)
+            if one.simulator is not None
+            for flavour in {design.software.flavour for design in self.designs}
+        }
+        numbers = {pair: number for number, pair in enumerate(experimenters)}
+        designs = [self.designs[one.design].software for one in todo]
+        items = (
+            (numbers[one.setting, design.flavour], design, self.seeds[one.instance or 0])
+            for one, design in zip(todo, designs, strict=True)
         )
-        items = ((one.setting, self.designs[one.design].software, self.seeds[one.instance or 0]) for one in todo)
-        for place, result in executor.run(function, _until(stopped, items)):
+        function = Experimenters([*experimenters.values()])
+        for place, result in executor.run(function, takewhile(lambda _: not stopped(), items)):
             if isinstance(result, Failed):
                 yield todo[place]._replace(failure=result.reason)
             else:
-                yield todo[place]._replace(score=result)
+                is_by_each = len(self._ranges[todo[place].setting]) > 1
+                yield todo[place]._replace(scores=result.scores if is_by_each else (result.score,))
         if stopped():
             raise ExecutorStopped
 
     def rows(self, runs: Sequence[SweptRun]) -> list[tuple[Any, ...]]:
-        """The rows of runs, with COLUMNS, in the order of values, designs and instances."""
+        """The rows of runs, with `columns`, in the order of values, designs, instances and objectives."""
         found = []
         digests = {pair: self.digest(*pair) for pair in {(one.setting, one.design) for one in runs}}
         for one in sorted(runs, key=lambda one: (one.setting, one.design, one.instance or 0)):
             design = self.designs[one.design]
             seed = None if one.instance is None else self.seeds[one.instance]
             label = self.settings[one.setting].label
-            what = (one.instance, seed, one.score, one.failure, digests[one.setting, one.design])
-            found.append((self.key, label, design.method, design.name, *what))
+            start = (self.key, label, design.method, design.name, one.instance, seed)
+            end = (one.failure, digests[one.setting, one.design])
+            for name, score in zip(self._ranges[one.setting], one.scores, strict=True) if one.scores else [("", None)]:
+                found.append((*start, *([name] if any(self.objectives) else []), score, *end))
         return found
 
     def table(self, runs: Sequence[SweptRun]) -> "pd.DataFrame":
         """The rows of runs, tidy; `value` has numbers if all values are numbers, and a run without score has NaN."""
         import pandas as pd
 
-        table = pd.DataFrame(self.rows(runs), columns=list(COLUMNS))
+        table = pd.DataFrame(self.rows(runs), columns=list(self.columns))
         if self.is_numeric:
             table["value"] = table["value"].astype(float)
         return table.astype({"instance": "Int64", "seed": "Int64", "score": "float64"})
@@ -204,29 +226,28 @@ class SettingSweep:
         return all(isinstance(one.value, int | float) and not isinstance(one.value, bool) for one in self.settings)
 
     def curves(self, runs: Sequence[SweptRun]) -> list[CurvePoint]:
-        """The points of each method's curve, method by method, in the order of the values."""
+        """The points of each method's curve by each objective, method by method, in the order of the values."""
         methods = list(dict.fromkeys(one.method for one in self.designs))
-        return [self._point(method, k, runs) for method in methods for k in range(len(self.settings))]
+        return [
+            self._point(objective, method, k, runs)
+            for objective in self.objectives or [""]
+            for method in methods
+            for k in range(len(self.settings))
+        ]
 
-    def _point(self, method: str, setting: int, runs: Sequence[SweptRun]) -> CurvePoint:
+    def _point(self, objective: str, method: str, setting: int, runs: Sequence[SweptRun]) -> CurvePoint:
+        ranges = self._ranges[setting]
         own = [one for one in runs if one.setting == setting and self.designs[one.design].method == method]
         failures = list(dict.fromkeys(one.failure for one in own if one.failure))
         scores: dict[int, list[float]] = {}
         for one in sorted(own, key=lambda one: (one.design, one.instance or 0)):
-            if one.score is not None:
-                scores.setdefault(one.design, []).append(one.score)
-        simulator, value = self.settings[setting].simulator, self.settings[setting].value
+            if one.scores and objective in ranges:
+                scores.setdefault(one.design, []).append(one.scores[[*ranges].index(objective)])
+        where = (objective, method, self.settings[setting].value)
         n = sum(map(len, scores.values()))
-        if not scores or simulator is None:
-            return CurvePoint(method, value, None, None, None, 0, 0, "; ".join(failures))
-        possible = simulator.mission.possible_scores()
+        if not scores:
+            return CurvePoint(*where, None, None, None, 0, 0, "; ".join(failures))
+        possible = ranges[objective]
         means = [Scores(tuple(each), possible).mean for each in scores.values()]
         found = Scores(tuple(means) if len(means) > 1 else tuple(*scores.values()), possible)
-        return CurvePoint(method, value, found.mean, *found.interval, len(means), n, "; ".join(failures))
-
-
-def _until(stopped: Callable[[], bool], items: Iterator[Any]) -> Iterator[Any]:
-    for item in items:
-        if stopped():
-            return
-        yield item
+        return CurvePoint(*where, found.mean, *found.interval, len(means), n, "; ".join(failures))

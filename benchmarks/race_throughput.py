@@ -330,6 +330,9 @@ def main() -> None:
         return int(given.small if load_mission(mission).robots > 10 else given.budget)
 
     if given.milliseconds:
+        for method in given.methods:  # imports what is imported when it is needed
+            with VirtualExecutor(1, lambda item: (0.0, Measurement(item % 97, "")), thinking=time.thread_time) as warm:
+                RaceRun(Drawn(method, SMALL), warm).finish()
         print(SIMULATED_HEAD)
         for milliseconds in given.milliseconds:
             durations = milliseconds / 1e3 * np.random.default_rng(1).normal(1.0, 0.15, size=1000).clip(0.1)

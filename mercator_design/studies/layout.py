@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mercator_design.config.schema import Range
+from mercator_design.race.elimination.fronts import MAX_FRONT
 from mercator_design.scores import ANY_SCORE, ScoreRange
 
 Count = Annotated[int, Range(0)]
@@ -103,9 +104,17 @@ class StudyLayout:
         """The seed of a cell's race: the same for all methods, whose instances are the same; 0 without a race."""
         return self.seed + cell.repetition - 1 if cell.budget else 0
 
+    def has_front(self, cell: Cell) -> bool:
+        """Whether a cell's race gives a front."""
+        return bool(cell.budget and self.missions[cell.mission].objectives)
+
+    def n_assessed(self, cell: Cell) -> int:
+        """The experiments of a cell's assessment, at most."""
+        return self.runs * len(self.realities) * (1 + MAX_FRONT * self.has_front(cell))
+
     def n_experiments(self, cell: Cell) -> int:
-        """The experiments of a cell: its race, at most, and its assessment."""
-        return cell.budget + self.runs * len(self.realities)
+        """The experiments of a cell: its race and its assessment, at most."""
+        return cell.budget + self.n_assessed(cell)
 
 
 def alike_on_disk(names: Iterable[str]) -> str:

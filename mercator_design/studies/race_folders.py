@@ -1,17 +1,22 @@
 """A study of races that exist: the winner of each run folder, with its scores on fresh instances, is a design."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from mercator_design.designer import GIVEN_OPTIONS
-from mercator_design.errors import RaceError, StudyError
+from mercator_design.designer import GIVEN_OPTIONS, GOAL, Designer
+from mercator_design.errors import MissionError, RaceError, StudyError
+from mercator_design.missions.mission import load_mission
+from mercator_design.race.session.record import Record
 from mercator_design.results.analysis.comparison import winner_tests
+from mercator_design.results.analysis.front import file_on_front
 from mercator_design.results.files import JOURNAL, possible_scores, read_journal
 from mercator_design.scores import ScoreRange
+from mercator_design.studies.assessment import known_rows, read_assessment
+from mercator_design.studies.statistics.fronts import front_rows
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 _DIGESTS = {"mission": "mission_digest", "robot_model": "robot_model_digest"}
@@ -23,27 +28,31 @@ class RaceDesign:
     """The winner of a race.
 
     place: The factors of its race, and their digests.
-    scores: On fresh instances, by their seeds.
+    tests: The scores by each objective on fresh instances, by their seeds or numbers; of the winner first, then of the
+        others that were tested for the front, by their files.
+    possible: The range of the scores by each objective; one without a name, if there are not several.
     """
 
     folder: Path
     place: Mapping[str, Any]
     seed: int
-    scores: Mapping[int, float]
-    possible: ScoreRange
+    tests: Mapping[str, Mapping[int, tuple[float, ...]]]
+    possible: Mapping[str, ScoreRange]
 
 
 def run_folders(paths: Sequence[Path]) -> list[Path]:
-    """Run folders, or those within other folders.
+    """Run folders, or those within other folders: the next level of folders that has any, else all levels.
 
     Raises:
         StudyError: There is none in a folder.
     """
     found = []
     for path in paths:
-        folders = [path] if (path / JOURNAL).is_file() else sorted(file.parent for file in path.glob(f"*/{JOURNAL}"))
+        within = (sorted(path.glob(f"{below}{JOURNAL}")) for below in ("", "*/", "**/"))
+        folders = [file.parent for file in next(filter(None, within), [])]
         if not folders:
-            raise StudyError(f"{path}: expected a run folder, or a folder of run folders, found none")
+            what = f"found no {JOURNAL} in it or below" if path.is_dir() else "found no such folder"
+            raise StudyError(f"{path}: expected a run folder, or a folder of run folders, {what}")
         found += folders
     return list(dict.fromkeys(found))
 
@@ -72,12 +81,19 @@ def table_of_races(name: str, folders: Sequence[Path], by: str) -> StudyTable:
                 "robot model, method, flavour, budget or seed, found the same: a design counts once"
             )
         cell[design.seed] = design
+    runs = pd.DataFrame([row for cell in cells.values() for row in _rows(cell)])
+    ranges = {
+        (one.place["mission"], objective) if objective else one.place["mission"]: possible
+        for one in designs
+        for objective, possible in one.possible.items()
+    }
     table = StudyTable(
         name=name,
-        runs=pd.DataFrame([row for cell in cells.values() for row in _rows(cell)]),
-        directions={one.place["mission"]: "maximise" if one.possible.maximise else "minimise" for one in designs},
-        limits={one.place["mission"]: _finite(one.possible) for one in designs},
+        runs=runs if runs["objective"].any() else runs.drop(columns="objective"),
+        directions={place: "maximise" if one.maximise else "minimise" for place, one in ranges.items()},
+        limits={place: _finite(one) for place, one in ranges.items()},
         by=by,
+        fronts=pd.DataFrame([row for cell in cells.values() for row in _front_rows(cell)]),
     )
     if not any(len(block.scores) > 1 for block in table.blocks()):
         same = ", ".join(name for name in ("mission", "robot_model", "method", "flavour", "budget") if name != by)
@@ -98,8 +114,9 @@ def _design_of(folder: Path) -> RaceDesign:
         raise StudyError(f"{folder}: expected the race of a mission, found that of a {start['task']}")
     if record.view.winner is None:
         raise StudyError(f"{folder}: expected a race that has ended, found one that has no winner yet")
-    scores = winner_tests(record)
-    if not scores:
+    possible = _possible(folder, start)
+    tests = _tests(record, len(possible)) if winner_tests(record) else _assessed(folder, len(possible))
+    if not tests:
         raise StudyError(
             f"{folder}: expected a winner that was tested on fresh instances, found none; race with --test-runs 100"
         )
@@ -114,9 +131,40 @@ def _design_of(folder: Path) -> RaceDesign:
             **{digest: start.get(digest) for digest in _DIGESTS.values()},
         },
         seed=start["seed"],
-        scores=scores,
-        possible=possible_scores(folder),
+        tests=tests,
+        possible=possible,
     )
+
+
+def _tests(record: Record, n_objectives: int) -> dict[str, dict[int, tuple[float, ...]]]:
+    """What a race tested in its end, of which the winner comes first."""
+    found: dict[str, dict[int, tuple[float, ...]]] = {file_on_front(record.view.leader): {}}
+    for where in sorted(record.tests):
+        if (one := record.tests[where]).score is not None:
+            scores = (one.score,) if n_objectives == 1 else one.scores
+            found.setdefault(file_on_front(one.configuration), {})[one.seed] = scores
+    return found
+
+
+def _assessed(folder: Path, n_objectives: int) -> dict[str, dict[int, tuple[float, ...]]]:
+    """What a study assessed in the design model, if the race is a cell of one."""
+    known = read_assessment(folder)
+    files = {} if known is None else {Designer.WINNER: "", **{name: name for name in known.front}}
+    return {
+        file: dict(enumerate(known_rows(folder, known, DESIGN_MODEL, n_objectives, other)))
+        for file, other in files.items()
+        if known is not None
+    }
+
+
+def _possible(folder: Path, start: Mapping[str, Any]) -> Mapping[str, ScoreRange]:
+    """The ranges of the scores of a race by each objective: of several, its mission has them."""
+    if GOAL not in start:
+        return {"": possible_scores(folder)}
+    try:
+        return load_mission(folder / "mission.yaml").compared_by()
+    except MissionError as error:
+        raise StudyError(*error.messages) from None
 
 
 def _method_of(start: Mapping[str, Any]) -> str:
@@ -141,18 +189,26 @@ def _labelled(designs: Sequence[RaceDesign]) -> list[RaceDesign]:
             if key not in _DIGESTS.values()
         }
 
-    return [
-        RaceDesign(folder=one.folder, place=named(one), seed=one.seed, scores=one.scores, possible=one.possible)
-        for one in designs
-    ]
+    return [replace(one, place=named(one)) for one in designs]
 
 
 def _rows(cell: Mapping[int, RaceDesign]) -> Iterator[dict[str, Any]]:
     for repetition, seed in enumerate(sorted(cell), start=1):
         design = cell[seed]
-        for instance, score in design.scores.items():
-            start = {"repetition": repetition, "seed": seed, "reality": DESIGN_MODEL}
-            yield {**design.place, **start, "instance": instance, "score": score}
+        start = {**design.place, "repetition": repetition, "seed": seed, "reality": DESIGN_MODEL}
+        for instance, scores in next(iter(design.tests.values())).items():
+            for objective, score in zip(design.possible, scores, strict=True):
+                yield {**start, "instance": instance, "objective": objective, "score": score}
+
+
+def _front_rows(cell: Mapping[int, RaceDesign]) -> Iterator[dict[str, Any]]:
+    """Rows of the fronts of races by several objectives."""
+    for repetition, seed in enumerate(sorted(cell), start=1):
+        design = cell[seed]
+        if len(design.possible) > 1:
+            place = {**design.place, "repetition": repetition, "seed": seed, "reality": DESIGN_MODEL}
+            scores = {file: [*own.values()] for file, own in design.tests.items()}
+            yield from front_rows(place, scores, {name: one.maximise for name, one in design.possible.items()})
 
 
 def _finite(possible: ScoreRange) -> tuple[float | None, float | None]:

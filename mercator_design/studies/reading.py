@@ -8,13 +8,15 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, StudyError
 from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.studies.assessment import known_rows, n_missing, read_assessment
+from mercator_design.studies.assessment import known_rows, n_missing, others_on_front, read_assessment
 from mercator_design.studies.folder import CELLS, StudyFacts, read_facts
 from mercator_design.studies.layout import Cell, StudyLayout
+from mercator_design.studies.statistics.fronts import front_rows
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 
 State = Literal["to run", "interrupted", "running", "to assess", "done"]
@@ -109,7 +111,8 @@ def _status(folder: Path, layout: StudyLayout, cell: Cell, journals: dict[Cell, 
         RaceError, StudyError: Something is damaged.
     """
     assessment = read_assessment(folder)
-    missing = n_missing(assessment, layout.realities, layout.runs)
+    others = others_on_front(folder) if layout.has_front(cell) else ()
+    missing = n_missing(assessment, layout.realities, layout.runs, others)
     total = layout.n_experiments(cell)
 
     def status(state: State, left: int) -> CellStatus:
@@ -126,7 +129,7 @@ def _status(folder: Path, layout: StudyLayout, cell: Cell, journals: dict[Cell, 
         return status("to assess", missing)
     journals[cell] = read_journal(folder, journals.get(cell))
     n_raced = len(journals[cell].record.experiments)
-    return status("running" if is_locked(folder / JOURNAL) else "interrupted", missing + cell.budget - n_raced)
+    return status("running" if is_locked(folder / JOURNAL) else "interrupted", total - n_raced)
 
 
 def study_table(path: Path) -> StudyTable:
@@ -136,21 +139,29 @@ def study_table(path: Path) -> StudyTable:
         StudyError: There is no such design, it is no study's folder, or something in it is damaged.
     """
     facts = read_facts(path)
-    layout, rows = facts.layout, list[tuple[Any, ...]]()
+    layout, rows, fronts = facts.layout, list[tuple[Any, ...]](), list[dict[str, Any]]()
     for cell in layout.cells:
-        found, mission = read_assessment(path / CELLS / cell.path), layout.missions[cell.mission]
-        if found is None or n_missing(found, layout.realities, layout.runs):
+        folder, mission = path / CELLS / cell.path, layout.missions[cell.mission]
+        found, others = read_assessment(folder), others_on_front(folder) if layout.has_front(cell) else ()
+        if found is None or n_missing(found, layout.realities, layout.runs, others):
             continue
         start = (cell.method, mission.name, mission.robot_model, cell.budget, cell.repetition, layout.race_seed(cell))
         names = tuple(one.name for one in mission.objectives) or ("",)
         rows += (
             (*start, reality, instance, objective, score)
             for reality in layout.realities
-            for instance, row in enumerate(
-                known_rows(path / CELLS / cell.path, found, reality, len(names))[: layout.runs]
-            )
+            for instance, row in enumerate(known_rows(folder, found, reality, len(names))[: layout.runs])
             for objective, score in zip(names, row, strict=True)
         )
+        if layout.has_front(cell):
+            files = {Designer.WINNER: "", **{name: name for name in others}}
+            for reality in layout.realities:
+                scores = {
+                    file: known_rows(folder, found, reality, len(names), other)[: layout.runs]
+                    for file, other in files.items()
+                }
+                place = dict(zip(RUN_COLUMNS, (*start, reality), strict=False))
+                fronts += front_rows(place, scores, {one.name: one.maximise for one in mission.objectives})
     if not rows:
         raise StudyError(f"{path}: expected designs that are assessed, found none yet")
     scored = {
@@ -164,4 +175,5 @@ def study_table(path: Path) -> StudyTable:
         runs=runs if runs["objective"].any() else runs.drop(columns="objective"),
         directions={place: "maximise" if one.maximise else "minimise" for place, one in scored.items()},
         limits={place: (one.low, one.high) for place, one in scored.items()},
+        fronts=pd.DataFrame(fronts),
     )

@@ -50,14 +50,14 @@ class StudiedMission:
     def facts(self) -> MissionRow:
         """What tables say of it."""
         mission = self.simulator.mission
-        ranges = mission.possible_by_objective() if mission.is_ranked_by_all else ()
         return MissionRow(
             name=self.name,
             robot_model=self.simulator.robot_model.name,
             **_range_data(mission.possible_scores()),
             objectives=tuple(
                 ObjectiveRow(name=name, **_range_data(possible))
-                for name, possible in zip(mission.objective_names, ranges, strict=False)
+                for name, possible in mission.compared_by().items()
+                if name
             ),
         )
 

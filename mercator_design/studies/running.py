@@ -21,7 +21,7 @@ from mercator_design.results.files import read_provenance
 from mercator_design.results.folder import RunFolder
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request
 from mercator_design.software.files import fsm_file_text, read_fsm
-from mercator_design.studies.assessment import assess, n_missing, read_assessment
+from mercator_design.studies.assessment import assess, n_missing, others_on_front, read_assessment
 from mercator_design.studies.folder import StudyFolder
 from mercator_design.studies.layout import Cell
 from mercator_design.studies.resolving import Study
@@ -110,8 +110,9 @@ class StudyRun:
         else:
             software = self._raced(number, cell, path)
         runs, mission = self.layout.runs, self.study.missions[cell.mission]
-        left = n_missing(read_assessment(path), mission.realities, runs)
-        self._note(number, cell, runs * len(mission.realities) - left, is_new=False, is_assessed=True)
+        others = others_on_front(path) if self.layout.has_front(cell) else ()
+        left = n_missing(read_assessment(path), mission.realities, runs, others)
+        self._note(number, cell, self.layout.n_assessed(cell) - left, is_new=False, is_assessed=True)
         before = self._done
         with writing(path, StudyError):
             assess(

@@ -6,8 +6,9 @@ assessed in the same reality, by one objective. Scores by different objectives n
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import pandas as pd
@@ -15,6 +16,7 @@ import pandas as pd
 from mercator_design.arrays import Floats
 from mercator_design.errors import StudyError
 from mercator_design.scores import ScoreRange, is_score
+from mercator_design.studies.statistics.fronts import HYPERVOLUME, FrontBox, box_of, hypervolumes
 
 Direction = Literal["maximise", "minimise"]
 
@@ -75,7 +77,8 @@ class StudyTable:
     limits: The least and the largest possible score of each; None where it is not known.
     by: The factor whose levels are compared, of COMPARED.
     designs: A row for each design and reality, with DESIGN_COLUMNS: mean score, its standard error (NaN for one run)
-        and the number of runs. By default it is made of `runs`.
+        and the number of runs. By default it is made of `runs`, and of `fronts`, of which each is one row.
+    fronts: Of races by several objectives, as of `front_rows`: a row for each design of a front, reality and objective.
 
     Raises:
         StudyError: A column is missing, there is no row, a design has two seeds or a run occurs twice, a score is not
@@ -88,11 +91,13 @@ class StudyTable:
     limits: Mapping[str | tuple[str, str], tuple[float | None, float | None]]
     by: str = "method"
     designs: pd.DataFrame = field(default_factory=pd.DataFrame)
+    fronts: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def __post_init__(self) -> None:
         if self.designs.empty:
             _check(self.name, self.runs, RUN_COLUMNS, "instance")
-            object.__setattr__(self, "designs", _designs_of(self.runs))
+            designs = [_designs_of(self.runs), *([hypervolumes(self.fronts, self.boxes)] if self.boxes else [])]
+            object.__setattr__(self, "designs", _by_mission(designs))
         _check(self.name, self.designs, DESIGN_COLUMNS)
         if self.by not in self._factors[1:]:
             expected = ", ".join(self._factors[1:])
@@ -101,7 +106,7 @@ class StudyTable:
         for place, scores in rows.groupby(["mission", "objective"], sort=False)["score"]:
             mission, objective = map(str, place)
             where = f"study {self.name}: mission {mission}" + f", {objective}" * bool(objective)
-            if _place(mission, objective) not in self.directions:
+            if objective != HYPERVOLUME and _place(mission, objective) not in self.directions:
                 raise StudyError(f"{where}: expected its direction, found none")
             possible = self.possible(mission, objective)
             if impossible := [score for score in scores if not possible.has(score)]:
@@ -125,6 +130,17 @@ class StudyTable:
         largest = self.designs.groupby(self.by)["budget"].max()
         return {str(level) for level, budget in largest.items() if budget == 0}
 
+    @cached_property
+    def boxes(self) -> dict[str, FrontBox]:
+        """By mission with fronts, the box of their hypervolumes."""
+        groups = self.fronts.groupby("mission", sort=False) if len(self.fronts) else ()
+        return {
+            str(mission): box_of(
+                rows, {name: self.possible(str(mission), name).maximise for name in rows["objective"].unique()}
+            )
+            for mission, rows in groups
+        }
+
     @property
     def missions(self) -> list[str]:
         return self.designs["mission"].drop_duplicates().tolist()
@@ -137,6 +153,8 @@ class StudyTable:
 
     def possible(self, mission: str, objective: str = "") -> ScoreRange:
         """The range of a mission's scores, or of those by one of its objectives, and their direction."""
+        if objective == HYPERVOLUME:
+            return ScoreRange(0.0, 1.0, maximise=True)
         place = _place(mission, objective)
         low, high = self.limits.get(place, (None, None))
         return ScoreRange(
@@ -194,6 +212,15 @@ def _designs_of(runs: pd.DataFrame) -> pd.DataFrame:
         score="mean", error="sem", runs="size"
     )
     return found.reset_index()
+
+
+def _by_mission(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Rows of designs; if there are several parts, mission by mission."""
+    if len(parts) == 1:
+        return parts[0]
+    found = pd.concat(parts, ignore_index=True)
+    order = {mission: k for k, mission in enumerate(found["mission"].unique())}
+    return found.sort_values("mission", key=lambda column: column.map(order), kind="stable", ignore_index=True)
 
 
 def _check(name: str, rows: pd.DataFrame, columns: tuple[str, ...], *within: str) -> None:

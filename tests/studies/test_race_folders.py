@@ -79,7 +79,10 @@ def test_missions_of_one_name_are_told_apart(races):
         (["all/random-1", "all/random-2"], "method is random"),
         (["all/random-1", "copy"], "expected a race that differs from that in"),
         (["all/random-1", "unfinished"], "expected a race that has ended"),
-        (["all", "nothing"], "expected a run folder, or a folder of run folders, found none"),
+        (
+            ["all", "nothing"],
+            "expected a run folder, or a folder of run folders, found no journal.jsonl in it or below",
+        ),
     ],
 )
 def test_races_that_make_no_study(mdesign, races, tmp_path, wrong, words):
@@ -96,5 +99,5 @@ def test_races_that_make_no_study(mdesign, races, tmp_path, wrong, words):
 
 
 def test_a_file_that_is_no_folder(tmp_path):
-    with pytest.raises(StudyError, match="found none"):
+    with pytest.raises(StudyError, match="found no such folder"):
         run_folders([tmp_path / "missing"])

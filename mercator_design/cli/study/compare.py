@@ -27,9 +27,10 @@ from mercator_design.studies.table import COMPARED
 def compare(directories: tuple[Path, ...], by: str, name: str | None, output: Path | None, as_json: bool) -> None:
     """Compare methods, flavours, budgets or robot models by the winners of races that exist.
 
-    Each DIRECTORY is a run folder, or a folder of run folders. The winner of a race, with its scores on fresh
-    instances, is one design; races that differ only in their seeds are repetitions. Designs are compared where all
-    else is equal: at least two of each are needed, and ten or twenty are usual.
+    Each DIRECTORY is a run folder, or a folder of run folders, or the folder of a study. The winner of a race, with its
+    scores on fresh instances, is one design; races that differ only in their seeds are repetitions. Designs are
+    compared where all else is equal: at least two of each are needed, and ten or twenty are usual. Races by several
+    objectives are compared by each, and by the hypervolume of their fronts.
     """
     if output is not None and any((output / file).exists() for file in (FACTS, JOURNAL)):
         raise StudyError(f"{output}: expected another folder than that of a study or a race, found one")

@@ -52,7 +52,12 @@ class FrontDesign:
     @property
     def file(self) -> str:
         """Its file in the run folder, if it is on the front."""
-        return f"front-{self.configuration}.txt"
+        return file_on_front(self.configuration)
+
+
+def file_on_front(configuration: int | None) -> str:
+    """The name of the file of a configuration on the front."""
+    return f"front-{configuration}.txt"
 
 
 def front_of(designer: Designer, record: Record) -> list[FrontDesign]:

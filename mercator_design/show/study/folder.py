@@ -35,6 +35,8 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
         f"{TABLES}/comparisons.tex": comparisons_latex(table, results.findings),
         PAGE: study_page(results, command),
     }
+    if len(table.fronts):
+        texts[f"{TABLES}/fronts.csv"] = table.fronts.to_csv(index=False, lineterminator="\n")
     with writing(folder):
         for name in (TABLES, FIGURES):
             (folder / name).mkdir(parents=True, exist_ok=True)

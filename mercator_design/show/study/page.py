@@ -16,6 +16,7 @@ from mercator_design.show.study.verdicts import (
     around,
     correlation_sentence,
     drop_sentence,
+    front_sentences,
     headlines,
     named,
     pair_sentence,
@@ -26,6 +27,10 @@ from mercator_design.show.study.verdicts import (
 )
 from mercator_design.studies.analysis import StudyResults
 
+_FRONTS = (
+    "tables/fronts.csv",
+    "every design of a front in each reality: mean score by each objective, its standard error",
+)
 _FILES = (
     ("tables/runs.csv", "every run, a row each (tidy)"),
     ("tables/designs.csv", "every design in each reality: mean score, its standard error, runs"),
@@ -45,7 +50,7 @@ def study_page(results: StudyResults, command: str) -> str:
             _ranks(results),
             _comparisons(results),
             _gap(results),
-            _files(command),
+            _files(results, command),
         ]
     )
     study, n = results.table, len(results.table.missions)
@@ -81,6 +86,7 @@ def _scores(results: StudyResults) -> Html:
         "scores",
         "Designs on each mission",
         row_of(*charts),
+        *map(note, front_sentences(results.table)),
         note(BOXES),
         folded(
             "As a table: median (quartiles) [designs]", table(head, score_rows(results.table, blocks), name="scores")
@@ -160,5 +166,6 @@ def _gap(results: StudyResults) -> Html:
     )
 
 
-def _files(command: str) -> Html:
-    return section("files", "Files", table(("file", "contents"), _FILES, name="files"), command=command)
+def _files(results: StudyResults, command: str) -> Html:
+    files = (*_FILES[:2], _FRONTS, *_FILES[2:]) if results.table.boxes else _FILES
+    return section("files", "Files", table(("file", "contents"), files, name="files"), command=command)

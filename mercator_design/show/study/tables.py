@@ -132,6 +132,7 @@ def study_json(results: StudyResults) -> str:
         "reality": findings.reality,
         "alpha": ALPHA,
         "unit": unit_sentence(table),
+        **({"front_boxes": {mission: box._asdict() for mission, box in table.boxes.items()}} if table.boxes else {}),
         "answer": [*headlines(results)],
         "power": [{"designs_of_each": n, **found._asdict()} for n, found in findings.visible.items()],
         "power_verdict": power_sentence(findings),

@@ -9,6 +9,7 @@ from mercator_design.show.report.markup import p_text
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
 from mercator_design.studies.statistics.effects import Effect, mirrored
+from mercator_design.studies.statistics.fronts import BEYOND, HYPERVOLUME
 from mercator_design.studies.statistics.power import MAX_SOUGHT, POWER, designs_needed
 from mercator_design.studies.statistics.reality_gap import Correlation, Drop, Order
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
@@ -44,7 +45,21 @@ def unit_sentence(table: StudyTable) -> str:
         f"The unit is the design: each is one point, the mean score of {of} run{'s' * (runs[-1] != 1)} on fresh "
         "instances. Runs of one design tell how well it was measured, not how good the method is that made it. To "
         "count them as evidence on methods would be pseudo-replication."
+        + f" By the {HYPERVOLUME}, the unit is the front of a race."
+        * bool(table.boxes)
     )
+
+
+def front_sentences(table: StudyTable) -> Iterator[str]:
+    """What hypervolumes are measured by: a sentence for each mission with fronts."""
+    for mission, box in table.boxes.items():
+        best, reference = (", ".join(f"{name} {number(one)}" for name, one in point.items()) for point in box)
+        yield (
+            f"{mission}, {HYPERVOLUME}: the share of a box that the front of a race dominates, by means on fresh "
+            f"instances. The box reaches from the best of all fronts ({best}) to the reference point ({reference}): "
+            f"beyond the worst of all fronts by {BEYOND:.0%} of the range. All fronts of this mission have one "
+            "box, in all realities; another study has another."
+        )
 
 
 def power_sentence(findings: Findings) -> str:
@@ -196,6 +211,7 @@ def all_sentences(results: StudyResults) -> Iterator[str]:
     yield from headlines(results)
     if findings.pooled or findings.ranks:
         yield from (pair_sentence(table, pair) for pair in findings.pairs)
+    yield from front_sentences(table)
     yield power_sentence(findings)
     yield unit_sentence(table)
 

@@ -14,11 +14,13 @@ from mercator_design.missions.mission import Mission
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.elimination.summary import Headline, Scores
+from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import OtherVersion, Record
 from mercator_design.race.session.task import Task
 from mercator_design.race.session.view import RaceView
 from mercator_design.results.experiments.preview import MissionPreview, preview_of
 from mercator_design.results.files import (
+    JOURNAL,
     TASKS,
     check_configurations,
     check_same,
@@ -57,17 +59,18 @@ class Facts:
     notes: tuple[str, ...]
 
     @classmethod
-    def read(cls, folder: Path, *, task: Task[Any] | None = None) -> Self:
+    def read(cls, folder: Path, *, task: Task[Any] | None = None, record: Record | None = None) -> Self:
         """Read a run folder.
 
         Args:
             folder: Its path.
             task: Its task, if this process has run the race.
+            record: Its record, if this process has it.
 
         Raises:
             RaceError: There is no race, or its journal is corrupt.
         """
-        reading = read_journal(folder)
+        reading = read_journal(folder) if record is None else Reading(folder / JOURNAL, record)
         if not reading.record.start:
             raise RaceError(f"{folder}: no race has begun here yet")
         record, run, notes, provenance = reading.record, run_of(folder, reading), [], None

@@ -242,6 +242,7 @@ def _report(folder: RunFolder, compares: bool, jobs: int, progress: Mode, interr
             folder.path,
             output,
             task=folder.task,
+            record=folder.journal.record,
             compares=compares,
             jobs=min(jobs, available_jobs()),
             progress=progress,

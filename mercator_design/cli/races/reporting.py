@@ -11,6 +11,7 @@ from mercator_design.cli.inputs import ignore
 from mercator_design.command import print_note
 from mercator_design.errors import RaceError
 from mercator_design.race.executors.threads import ThreadExecutor
+from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import Task
 from mercator_design.results.analysis.comparison import (
     MAX_OTHERS,
@@ -42,6 +43,7 @@ def write_report(
     output: Path,
     *,
     task: Task[Any] | None = None,
+    record: Record | None = None,
     compares: bool = True,
     jobs: int | None = None,
     progress: Mode = "auto",
@@ -53,6 +55,7 @@ def write_report(
         folder: The run folder.
         output: The page.
         task: The task, if this process has run the race.
+        record: The record, in the same case; else the journal is read.
         compares: Whether to compare the winner with others on the fresh instances of its tests.
         jobs: Experiments run at once. [default: the cores that it may use]
         progress: How to show the progress of experiments.
@@ -63,8 +66,9 @@ def write_report(
         MercatorError: There is no race, an experiment failed, or a file cannot be written.
     """
     announce = print_note if progress != "none" else ignore
-    announce(f"Report: reading the race of {folder} ...")
-    facts = Facts.read(folder, task=task)
+    if record is None:
+        announce(f"Report: reading the race of {folder} ...")
+    facts = Facts.read(folder, task=task, record=record)
     comparison, without = _comparison(facts, compares, jobs, progress, stopped, announce, is_own=task is not None)
     if facts.view.is_complete and facts.designer is not None:
         announce("Report: running the winner again, for the replays ...")

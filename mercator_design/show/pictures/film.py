@@ -231,7 +231,7 @@ class _ChangingFloor:
         grid = arena_grid(mission, PIXELS)
         self._points, self._pixels = grid.reshape(-1, 2), np.round(colours_at(self._floor, grid)).astype(np.uint8)
         self._of_zone = [np.flatnonzero(covered(self._floor, (row,), grid)) for row in range(len(self._floor.zones))]
-        self.image = show_pixels(axes, mission, grid, self._pixels)
+        self.image = show_pixels(axes, mission, grid[0, :, 0], grid[:, 0, 1], self._pixels)
 
     def move(self, cycle: int) -> None:
         """Advance to a cycle."""

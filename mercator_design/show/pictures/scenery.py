@@ -30,6 +30,7 @@ UNKNOWN = "#8a949c"
 
 _LED_COLOURS = [hex_of(*levels) for levels in LED_COLOURS.values()]
 _FINER = 2  # points along a pixel's side
+_BAND = 50 * _FINER  # rows of points that are coloured at once: all of them take 150 MB
 _CELLS = 200  # of the grid on which places for names are found, along the arena's longer side
 _LIGHT, _OFF = "#ffd23f", "#6b7580"
 
@@ -75,7 +76,12 @@ def placed(outline: Floats, poses: Floats) -> Floats:
 
 
 def arena_grid(mission: Mission, along: int) -> Floats:
-    """The centres (rows, columns, 2) of square cells that cover the arena, `along` its longer side, the first at +y.
+    """The centres (rows, columns, 2) of the cells of `_centres`."""
+    return np.stack(np.meshgrid(*_centres(mission, along)), axis=-1)
+
+
+def _centres(mission: Mission, along: int) -> tuple[Floats, Floats]:
+    """Coordinates x and y of the centres of square cells that cover the arena, `along` its longer side, first at +y.
 
     There are at least two rows and columns of pixels, also in a thin arena.
     """
@@ -83,15 +89,13 @@ def arena_grid(mission: Mission, along: int) -> Floats:
     low, high = corners.min(axis=0), corners.max(axis=0)
     cell = float((high - low).max()) / along
     columns, rows = (max(2 * _FINER, math.ceil(length / cell - 1e-9)) for length in high - low)
-    x, y = low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)
-    return np.stack(np.meshgrid(x, y), axis=-1)
+    return low[0] + cell * (np.arange(columns) + 0.5), low[1] + cell * (np.arange(rows)[::-1] + 0.5)
 
 
-def _bounds(grid: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a grid's cells."""
-    (left, top), (right, bottom) = grid[0, 0], grid[-1, -1]
-    half = 0.5 * (grid[0, 1, 0] - grid[0, 0, 0])
-    return left - half, right + half, bottom - half, top + half
+def _bounds(x: Floats, y: Floats) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of cells with such centres."""
+    half = 0.5 * (x[1] - x[0])
+    return x[0] - half, x[-1] + half, y[-1] - half, y[0] + half
 
 
 def draw_arena(axes: Axes, mission: Mission) -> None:
@@ -107,18 +111,22 @@ def draw_arena(axes: Axes, mission: Mission) -> None:
 
 def draw_floor(axes: Axes, mission: Mission, floor: FloorTable) -> None:
     """The colours of the floor, clipped to the arena."""
-    grid = arena_grid(mission, PIXELS * _FINER)
-    rows, columns = (n - n % _FINER for n in grid.shape[:2])
-    grid = grid[:rows, :columns]
-    colours = colours_at(floor, grid)
+    x, y = (one[: len(one) - len(one) % _FINER] for one in _centres(mission, PIXELS * _FINER))
+    bands = [_mean_colours(floor, x, some) for some in np.split(y, range(_BAND, len(y), _BAND))]
+    show_pixels(axes, mission, x, y, np.vstack(bands))
+
+
+def _mean_colours(floor: FloorTable, x: Floats, y: Floats) -> NDArray[np.uint8]:
+    """The colours of pixels, of _FINER points along each side."""
+    colours = colours_at(floor, np.stack(np.meshgrid(x, y), axis=-1))
     within = itertools.product(range(_FINER), repeat=2)  # faster than the mean over two axes
     pixels = sum(colours[down::_FINER, right::_FINER] for down, right in within) / _FINER**2
-    show_pixels(axes, mission, grid, np.round(pixels).astype(np.uint8))
+    return np.round(pixels).astype(np.uint8)
 
 
-def show_pixels(axes: Axes, mission: Mission, grid: Floats, pixels: NDArray[np.uint8]) -> AxesImage:
-    """Show the colours of a floor, clipped to the arena, at the cells of a grid."""
-    image = axes.imshow(pixels, extent=_bounds(grid), interpolation="antialiased", aspect="equal", zorder=3)
+def show_pixels(axes: Axes, mission: Mission, x: Floats, y: Floats, pixels: NDArray[np.uint8]) -> AxesImage:
+    """Show the colours of a floor, clipped to the arena, in a grid of cells with such centres."""
+    image = axes.imshow(pixels, extent=_bounds(x, y), interpolation="antialiased", aspect="equal", zorder=3)
     image.set_clip_path(Area(mission.arena.corners(), transform=axes.transData))
     return image
 

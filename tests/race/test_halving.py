@@ -3,7 +3,6 @@
 import itertools
 import math
 import random
-import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -254,11 +253,8 @@ class TestStagnation:
         confirmed = race.iterations[-1]
         assert confirmed.postselection
         assert confirmed.used == pytest.approx(0.15 * 1500, abs=8)
-        saved = race.budget - race.used
-        assert saved > 0.2 * race.budget
-        found = re.fullmatch(r"no gain since iteration (\d+); (\d+) experiments .* were saved", race.stop_reason)
-        assert int(found[1]) == 1
-        assert int(found[2]) == pytest.approx(saved, abs=8)
+        assert race.budget - race.used > 0.2 * race.budget
+        assert race.stop_reason == "no gain since iteration 1"
         n_same = race.used - confirmed.used  # until then it is the same race
         assert told[:n_same] == all_told[:n_same]
         assert whole.used > 0.99 * whole.budget
@@ -276,7 +272,7 @@ class TestStagnation:
         while batch := race.ask():
             race.tell([1.0] * len(batch))
         assert used < race.used < 0.9 * race.budget
-        assert "were saved" in race.stop_reason
+        assert race.stop_reason == "no gain since iteration 2"
 
 
 class TestLookahead:

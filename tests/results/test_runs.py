@@ -50,7 +50,7 @@ from mercator_design.results.tables import configurations_table, experiments_tab
 from mercator_design.scores import ANY_SCORE
 from mercator_design.show.text.analysis import ablation_csv, ablation_page
 from mercator_design.show.text.columns import difference, with_notes_wrapped
-from mercator_design.show.text.iterations import iterations_table
+from mercator_design.show.text.iterations import iteration_notes, iterations_table, last_gain
 from mercator_design.show.text.progress import RaceDisplay
 from tests.processes import LIMIT, started, wait_until
 from tests.race.lines import events_in, journal_of
@@ -914,10 +914,11 @@ class TestRuns:
             experiments_table(tmp_path)
 
 
-def test_of_many_iterations_the_first_and_the_last_are_told():
+def with_iterations(stagnant, *, budget, options):
+    """The record of a race of an experiment in each iteration, which have been so many iterations without a gain."""
     record = Record()
-    record.begin({"budget": 40})
-    for k in range(40):
+    record.begin({"budget": budget, "options": options})
+    for k, n in enumerate(stagnant):
         one = ExperimentDone(experiment=k, iteration=k + 1, configuration=k, instance=0, seed=k, score=float(k))
         record.note(ConfigurationAdded(configuration=k, parent=None, values={}))
         record.note(one)
@@ -930,10 +931,38 @@ def test_of_many_iterations_the_first_and_the_last_are_told():
             instances=1,
             alive=1,
             elites=(k,),
-            stagnant=0,
+            stagnant=n,
             note="",
         )
         record.note(summary)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("stagnant", "stops", "text"),
+    [
+        ([], False, ""),
+        ([0, 0, 1, 0], False, ""),
+        ([0, 0, 1, 2], False, "none since iteration 2 of 4: 2 experiments"),
+        ([0, 0, 1, 2], True, "none since iteration 2 of 4: 2 experiments"),
+        ([0, 0, 1, 2, 3], False, "none since iteration 2 of 5: 3 experiments"),
+        (
+            [0, 0, 1, 2, 3],
+            True,
+            "none since iteration 2 of 5: 3 experiments; the race stopped there, which saved 2 of 7",
+        ),
+    ],
+)
+def test_the_last_gain(stagnant, stops, text):
+    record = with_iterations(stagnant, budget=7, options={"stop_when_stagnant": True} if stops else {})
+    if stagnant:
+        record.note(record.with_digest(RaceEnded(budget=7, experiments=len(stagnant), winner=0)))
+    assert last_gain(record) == text
+    assert iteration_notes(record) == ([f"Gain       {text}"] if text else [])
+
+
+def test_of_many_iterations_the_first_and_the_last_are_told():
+    record = with_iterations([0] * 40, budget=40, options={})
     names = [line.split()[0] for line in iterations_table(record.view)[1:]]
     assert names == [*map(str, range(1, 11)), "...", *map(str, range(21, 41))]
     del record.view.incumbents[-1]

@@ -37,14 +37,14 @@ class RaceHistory:
     iterations: list[IterationSummary] = field(default_factory=list)
     n_told: int = 0
     _rejected: set[Key] = field(default_factory=set)
-    _numbers: dict[Key, int] = field(default_factory=dict)  # the first of equal configurations
+    _numbers: dict[int, int] = field(default_factory=dict)  # the first of equal configurations, by `_place`
 
     def add(self, children: Sequence[tuple[Configuration, int | None]]) -> list[int]:
         """Number new configurations, each with its parent."""
         first = len(self.configurations)
         for number, (configuration, parent) in enumerate(children, start=first):
             self.configurations.append(configuration)
-            self._numbers.setdefault(key_of(configuration), number)
+            self._numbers.setdefault(self._place(configuration), number)
             self.parents.append(parent)
             for table in self.tables:
                 table.append({})
@@ -52,7 +52,14 @@ class RaceHistory:
 
     def number(self, configuration: Configuration) -> int | None:
         """The number of a configuration; None if it is new."""
-        return self._numbers.get(key_of(configuration))
+        return self._numbers.get(self._place(configuration))
+
+    def _place(self, configuration: Configuration) -> int:
+        """The hash of a configuration, or the next place if another one has it: keys take 400 bytes each."""
+        place = hash(key_of(configuration))
+        while (known := self._numbers.get(place)) is not None and self.configurations[known] != configuration:
+            place += 1
+        return place
 
     @property
     def tables(self) -> list[list[dict[int, float]]]:

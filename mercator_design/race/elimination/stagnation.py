@@ -8,6 +8,7 @@ there is still no significant gain for some iterations and for a large part of t
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -109,7 +110,18 @@ def judged(
     return replace(iteration, stagnant=len(idle), note=_of_stagnation(before, idle) if is_long and is_new else "")
 
 
-def stagnates(iterations: Sequence[IterationSummary], budget: int) -> bool:
+class Counted(Protocol):
+    """What a summary of an iteration, or its event, tells of a pause."""
+
+    @property
+    def postselection(self) -> bool: ...
+    @property
+    def used(self) -> int: ...
+    @property
+    def stagnant(self) -> int: ...
+
+
+def stagnates(iterations: Sequence[Counted], budget: int) -> bool:
     """Whether the last of some iterations ends a pause that is long enough for a note."""
     idle = [one for one in iterations if not one.postselection][-iterations[-1].stagnant :]
     is_idle = iterations[-1].stagnant >= MIN_ITERATIONS

@@ -222,8 +222,7 @@ class Halving(Optimizer):
             yield from self._generation(elites, self.history.add(children))
             if self.options.stop_when_stagnant and stagnates(self.iterations, self.budget):
                 since = self.iteration - self.iterations[-1].stagnant
-                saved = self.budget - self.used - reserved
-                self.stop_reason = f"no gain since iteration {since}; {saved} experiments of the budget were saved"
+                self.stop_reason = f"no gain since iteration {since}"
                 end = self.used + reserved
                 break
         else:

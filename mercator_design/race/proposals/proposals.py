@@ -10,6 +10,7 @@ space has a structure.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from hashlib import blake2b
 from itertools import cycle, islice
 
 import numpy as np
@@ -60,8 +61,8 @@ class Proposer:
         self._encoding = encoding
         self._features = Features(encoding)
         self._surrogate = Surrogate(self._features)
-        self._known: dict[int, Floats] = {}  # rows of configurations that have run
-        self._keys: set[bytes] = set()  # of these rows
+        self._known: dict[int, Floats] = {}  # rows of configurations that it has learnt from last, and of elites
+        self._keys: set[bytes] = set()  # of all rows so far
         # The matrices are small: threads would mostly wait, and the last bits would depend on the number of cores.
         self._threads = ThreadpoolController()
 
@@ -100,6 +101,7 @@ class Proposer:
         for each generation, so that proposals spread along the front (ParEGO, Knowles 2006).
         """
         learnt_from = _most_informative(history.costs)
+        self._known = {number: self._known[number] for number in learnt_from if number in self._known}
         parts = []
         for costs in history.tables:
             known = table([costs[number] for number in learnt_from])
@@ -187,7 +189,7 @@ class Proposer:
     def _rows_of(self, numbers: Sequence[int], history: RaceHistory) -> Floats:
         new = [number for number in numbers if number not in self._known]
         rows = self._encoding.rows([history.configurations[number] for number in new])
-        self._known.update(zip(new, rows, strict=True))
+        self._known.update((number, row.copy()) for number, row in zip(new, rows, strict=True))
         self._keys.update(_keys(rows))
         return np.array([self._known[number] for number in numbers])
 
@@ -224,7 +226,7 @@ class _Pool:
 
 def _keys(rows: Floats) -> list[bytes]:
     """Equal for rows that differ by rounding alone."""
-    return [row.tobytes() for row in np.round(np.nan_to_num(rows, nan=-1.0), _DIGITS)]
+    return [blake2b(row, digest_size=16).digest() for row in np.round(np.nan_to_num(rows, nan=-1.0), _DIGITS)]
 
 
 def _most_informative(costs: Sequence[Mapping[int, float]]) -> list[int]:

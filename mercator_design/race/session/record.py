@@ -29,6 +29,7 @@ from mercator_design.race.session.events import (
     SpeculativeDone,
     TestDone,
 )
+from mercator_design.race.session.experiments import MAX_NUMBER, Experiments
 from mercator_design.race.session.view import RaceView
 from mercator_design.race.space.parameter import Configuration
 from mercator_design.scores import EXPECTED, is_score
@@ -50,7 +51,6 @@ class Record:
     start: dict[str, Any] = field(default_factory=dict)
     configurations: dict[int, Configuration] = field(default_factory=dict)
     parents: dict[int, int | None] = field(default_factory=dict)
-    experiments: dict[int, ExperimentDone] = field(default_factory=dict)
     speculative: dict[Experiment, Measurement] = field(default_factory=dict)
     revised: dict[int, dict[Experiment, ScoreRevised]] = field(default_factory=dict)  # by number of an experiment
     tests: dict[Experiment, TestDone] = field(default_factory=dict)
@@ -69,6 +69,11 @@ class Record:
         return self
 
     @property
+    def experiments(self) -> Experiments:
+        """The experiments that have run, as they ended."""
+        return self.view.experiments
+
+    @property
     def budget(self) -> int:
         """The largest budget so far."""
         return self.budgets[-1]
@@ -80,8 +85,8 @@ class Record:
 
     def scores_of(self, batch: Sequence[Experiment], first: int) -> dict[Experiment, float | None]:
         """The scores of those experiments of a batch that have run; the first of them has this number."""
-        done = ((one, self.experiments.get(first + place)) for place, one in enumerate(batch))
-        return {one: event.score for one, event in done if event is not None}
+        known = self.experiments
+        return {one: known.score(number) for number, one in enumerate(batch, start=first) if number in known}
 
     def new_configurations(
         self, numbers: Iterable[int], values: Sequence[Configuration], parents: Sequence[int | None]
@@ -109,10 +114,9 @@ class Record:
         """The digest of the start and all events up to one of the ends (by default the last), as hexadecimal text."""
         ends = self.ends[:n_ends]
         n_counted = ends[-1].experiments if ends else len(self.experiments)
-        counted = sorted(number for number in self.experiments if number < n_counted)
+        counted = [number for number in self.experiments.numbers if number < n_counted]
         digest = hashlib.sha256(_text(self.start).encode())
-        raced = {self.experiments[number].configuration for number in counted}
-        for number in sorted(raced):
+        for number in sorted({self.experiments[number].configuration for number in counted}):
             digest.update(f"\n{number} {self.parents[number]} {_text(self.configurations[number])}".encode())
         for number in counted:
             e = self.experiments[number]
@@ -221,7 +225,10 @@ class Record:
                 f"experiment.iteration: expected {iteration}, as {iteration - 1} have ended before, found "
                 f"{event.iteration}"
             )
-        self._enter(self.experiments, event.experiment, event, f"experiment {event.experiment}")
+        if (number := max(event.experiment, event.instance)) > MAX_NUMBER:
+            raise RaceError(f"experiment: expected numbers of at most {MAX_NUMBER}, found {number}")
+        if event.experiment in self.experiments:
+            raise RaceError(f"experiment {event.experiment} is there twice")
         if event.score is not None:
             self.scored.add(event.configuration)
 
@@ -260,10 +267,11 @@ class Record:
         Raises:
             RaceError: Their numbers have gaps, which is allowed only during an iteration.
         """
-        if (n := len(self.experiments)) != 1 + max(self.experiments, default=-1):
+        n = len(self.experiments)
+        if self.experiments.has_gaps:
             raise RaceError(
                 f"expected {n} experiments to have the numbers 0 to {n - 1} when an iteration or the race ends, found "
-                f"number {max(self.experiments)}"
+                f"number {self.experiments.numbers[-1]}"
             )
         return n
 

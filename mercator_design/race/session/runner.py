@@ -131,7 +131,7 @@ class RaceRun(Generic[T]):
         if self._testing is not None:
             yield from self._run_tests(self._testing)
             numbers = self._testing.configurations(self._optimizer)
-        known, finished = self.view.test_scores(), tuple(self.view.results())
+        known, finished = self.view.test_scores(), self.view.results()
         tests = {number: self._scores(known[number]) for number in numbers if number in known}
         scores = self._scores(self.view.scores(best).values())
         self._result = RaceResult(configuration=best, scores=scores, tests=tests, finished=finished)
@@ -161,8 +161,7 @@ class RaceRun(Generic[T]):
         ):
             if found != len(noted):
                 raise another_race(f"{found} {what} in all", f"{len(noted)}")
-        raced = {one.configuration for one in record.experiments.values()}
-        if unknown := record.configurations.keys() - raced:
+        if unknown := record.configurations.keys() - {*record.experiments.configurations}:
             raise another_race("no configurations but those that were raced", f"{len(unknown)} others")
 
     def _run_tests(self, testing: Testing) -> Iterator[Event]:

@@ -34,7 +34,7 @@ class RaceResult:
     configuration: int  # the winner's number
     scores: Scores  # of the winner, on the instances of the race
     tests: dict[int, Scores]  # of the configurations that were tested, the winner first
-    finished: tuple[ExperimentDone, ...]  # all experiments, in order of their numbers
+    finished: Sequence[ExperimentDone]  # all experiments, in order of their numbers
 
     def __repr__(self) -> str:
         return f"<RaceResult: configuration {self.configuration}, {self.summary}>"

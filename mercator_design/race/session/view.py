@@ -10,7 +10,6 @@ scores of the best configuration. Questions about one configuration take time in
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from statistics import fmean, stdev
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from mercator_design.race.session.events import (
     ScoreRevised,
     TestDone,
 )
+from mercator_design.race.session.experiments import Experiments, Results
 from mercator_design.scores import ANY_SCORE, ScoreRange
 
 
@@ -52,7 +52,7 @@ class RaceView:
         budget: The largest budget so far.
         is_complete: Whether the race has ended under the largest budget.
         winner: The number of the configuration that has won under the last budget under which the race has ended.
-        n_experiments: Number of experiments that have run.
+        experiments: Those that have run.
         incumbents: The best of each iteration that has ended, with the scores at that time.
         tests: All tests that have run.
         live: The progress that the optimizer knows, if the race runs in this process.
@@ -62,12 +62,11 @@ class RaceView:
         self.budget = budget
         self.is_complete = False
         self.winner: int | None = None
-        self.n_experiments = 0
+        self.experiments = Experiments()
         self.incumbents: list[Incumbent] = []
         self.tests: dict[Experiment, TestDone] = {}
         self.live: Callable[[], Progress] | None = None
         self._iteration = 1
-        self._results: dict[int, dict[int, ExperimentDone]] = {}  # by configuration and instance, with current scores
         self._new: set[int] = set()  # configurations of this iteration
         self._ran: dict[int, set[int]] = {}  # those that ran on each instance in this iteration
 
@@ -75,16 +74,13 @@ class RaceView:
         """Take an event."""
         match event:
             case ExperimentDone():
-                self.n_experiments += 1
+                self.experiments[event.experiment] = event
                 self._iteration = event.iteration
-                self._results.setdefault(event.configuration, {})[event.instance] = event
                 self._ran.setdefault(event.instance, set()).add(event.configuration)
             case ConfigurationAdded():
                 self._new.add(event.configuration)
             case ScoreRevised():
-                known = self._results.get(event.configuration, {})
-                if (one := known.get(event.instance)) is not None:
-                    known[event.instance] = replace(one, score=event.score, failure=event.failure)
+                self.experiments.revise(event)
             case TestDone():
                 self.tests[Experiment(event.configuration, event.instance)] = event
             case IterationEnded():
@@ -97,6 +93,11 @@ class RaceView:
                 self.budget, self.is_complete = event.budget, False
             case RaceEnded():
                 self.winner, self.is_complete = event.winner, event.budget == self.budget
+
+    @property
+    def n_experiments(self) -> int:
+        """Number of experiments that have run."""
+        return len(self.experiments)
 
     @property
     def iterations(self) -> list[IterationEnded]:
@@ -114,13 +115,11 @@ class RaceView:
 
     def scores(self, configuration: int) -> dict[int, float]:
         """The current scores of a configuration, by instance of the race, in the order of its experiments."""
-        found = sorted(self._results.get(configuration, {}).values(), key=lambda one: one.experiment)
-        return {one.instance: one.score for one in found if one.score is not None}
+        return self.experiments.scores_of(configuration)
 
-    def results(self) -> list[ExperimentDone]:
+    def results(self) -> Results:
         """The experiments in order of their numbers, with their current scores."""
-        found = (one for results in self._results.values() for one in results.values())
-        return sorted(found, key=lambda one: one.experiment)
+        return Results(self.experiments, self.experiments.numbers)
 
     def headline(self, possible: ScoreRange = ANY_SCORE, *, fresh: bool = True) -> Headline | None:
         """The scores of the leader: on fresh instances, if it was tested there; None before there are any.
@@ -176,12 +175,11 @@ class RaceView:
         return len(self._ran[instance] | {elite for elite in elites if self._has_score(elite, instance)})
 
     def _has_score(self, configuration: int, instance: int) -> bool:
-        one = self._results.get(configuration, {}).get(instance)
-        return one is not None and one.score is not None
+        return instance in self.scores(configuration)
 
     def _best(self, cost: Callable[[float], float]) -> Elite | None:
         """The best of the last iteration; in the first one, the best of those with the most results."""
-        numbers = self._results if self._last_best is None else [self._last_best]
+        numbers = self.experiments.configurations if self._last_best is None else [self._last_best]
         costs = {number: [cost(score) for score in self.scores(number).values()] for number in numbers}
         known = {number: (-len(few), fmean(few)) for number, few in costs.items() if few}
         if not known:

@@ -10,7 +10,7 @@ from mercator_design.results.analysis.pruning import module_counts
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Bars, ChartLine, Thread, bar_chart, line_chart, parallel_chart
 from mercator_design.show.report.markup import Html, figure, folded, note, row_of, section, table
-from mercator_design.show.text.iterations import COLUMNS, FEW, best_line, iteration_cells, iteration_name
+from mercator_design.show.text.iterations import COLUMNS, FEW, best_line, iteration_cells, iteration_name, last_gain
 
 _MAX_THREADS = 40
 _MAX_AXES = 14
@@ -19,17 +19,18 @@ _MAX_NOTES = 3
 
 def course(facts: Facts) -> Html:
     """The section of the race's iterations."""
-    found = facts.view.incumbents
-    if not found:
+    iterations = facts.view.incumbents
+    if not iterations:
         return Html()
-    charts = [_budget(facts), _incumbent(facts, found), _elimination(found), _convergence(facts)]
+    charts = [_budget(facts), _incumbent(facts, iterations), _elimination(iterations), _convergence(facts)]
     return section(
         "course",
         "How the race went",
-        row_of(*charts) if len(found) > 1 else _table(found),
+        row_of(*charts) if len(iterations) > 1 else _table(iterations),
+        note(f"Last gain: {found}") if (found := last_gain(facts.record)) else "",
         _elites(facts),
-        folded("All iterations as a table", _table(found)) if len(found) > 1 else "",
-        _notes(found),
+        folded("All iterations as a table", _table(iterations)) if len(iterations) > 1 else "",
+        _notes(iterations),
         command=facts.command("runs", "show"),
     )
 

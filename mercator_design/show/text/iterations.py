@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from itertools import accumulate
 
+from mercator_design.race.elimination.stagnation import stagnates
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.session.events import IterationEnded
+from mercator_design.race.session.record import Record
 from mercator_design.race.session.view import Incumbent, RaceView
 from mercator_design.scores import ANY_SCORE, ScoreRange
 from mercator_design.show.charts import ChartLine, number
@@ -50,9 +52,26 @@ def iterations_table(view: RaceView, possible: ScoreRange = ANY_SCORE) -> list[s
     return aligned(rows)
 
 
-def iteration_notes(view: RaceView) -> list[str]:
-    """The notes of iterations, a line each."""
-    return [f"Note       iteration {one.iteration}: {one.note}" for one in view.iterations if one.note]
+def iteration_notes(record: Record) -> list[str]:
+    """The notes of iterations, a line each, after one on the last gain."""
+    notes = [f"Note       iteration {one.iteration}: {one.note}" for one in record.view.iterations if one.note]
+    return [f"Gain       {found}", *notes] if (found := last_gain(record)) else notes
+
+
+def last_gain(record: Record) -> str:
+    """From when on a race has gained nothing, and what its early end has saved; empty if its last iteration gained.
+
+    The comparison of elites at the end of a race counts as no iteration.
+    """
+    view, raced = record.view, [one for one in record.view.iterations if not one.postselection]
+    if not raced or not (n := raced[-1].stagnant):
+        return ""
+    idle = sum(one.used for one in raced[-n:])
+    found = f"none since iteration {raced[-n - 1].iteration} of {len(raced)}: {idle} experiments"
+    stops = view.is_complete and record.start.get("options", {}).get("stop_when_stagnant", False)
+    if stops and stagnates(raced, view.budget):
+        found += f"; the race stopped there, which saved {view.budget - view.n_experiments} of {view.budget}"
+    return found
 
 
 def iteration_cells(incumbent: Incumbent) -> tuple[object, ...]:

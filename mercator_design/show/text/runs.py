@@ -76,7 +76,7 @@ def run_summary(path: Path) -> str:
         f"Digest     {record.digest()}",
     ]
     if view.incumbents:
-        lines += ["", *iterations_table(view, possible), *iteration_notes(view), ""]
+        lines += ["", *iterations_table(view, possible), *iteration_notes(record), ""]
     if run["winner"] is not None:
         columns, lack = _shown(path, record, run["winner"])
         tests = {number: Scores(scores, possible) for number, scores in view.test_scores().items()}

@@ -58,7 +58,7 @@ def race_summary(result: RaceResult, folder: RunFolder, *, new: int, tested: int
         "",
         *iterations_table(view, task.possible_scores),
         f"Ended: {'the whole budget is used' if optimizer.used == optimizer.budget else optimizer.stop_reason}",
-        *iteration_notes(view),
+        *iteration_notes(record),
         *([f"Failed     {failed} experiments; their configurations were rejected"] if failed else []),
         *(["Note       all experiments had the same score: configurations could not be compared"] if all_equal else []),
         "",

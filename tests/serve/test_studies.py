@@ -10,7 +10,6 @@ import pytest
 
 from mercator_design.config import shipped
 from mercator_design.serve.app import guarded
-from mercator_design.serve.jobs import processes
 from mercator_design.serve.jobs.job import StudyRequest
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.processes import Launcher
@@ -154,19 +153,10 @@ def test_its_command(house):
     launch = Launcher(house.store, house.settings, 2)
     command = launch.command(house.store.read(job := submitted(house)))
     text = f".service/jobs/{job}/study.yaml"
-    assert command == ["study", "run", text, "-o", job, "--jobs", "2", "--quiet"]
+    assert command == ["study", "run", text, "-o", job, "--report", "--jobs", "2", "--quiet"]
     assert (house.data / text).read_text() == TEXT
     named = house.jobs.submit("ann", "maple", "", StudyRequest(study="maple", budget=100)).id
     assert launch.command(house.store.read(named))[:5] == ["study", "run", "maple", "-o", named]
-
-
-def test_its_process_writes_the_page_whatever_the_service_inherits(house, monkeypatch):
-    started = []
-    monkeypatch.setattr(processes, "RaceProcess", lambda command, **given: started.append(given["env"]))
-    monkeypatch.setenv("MDESIGN_NO_REPORT", "1")
-    Launcher(house.store, house.settings, 2)(house.store.read(submitted(house)))
-    assert "PATH" in started[0]
-    assert "MDESIGN_NO_REPORT" not in started[0]
 
 
 class TestSubmitting:
@@ -297,7 +287,6 @@ class TestTheClient:
         monkeypatch.setenv("MERCATOR_DESIGN_SERVER", server)
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
         monkeypatch.delenv("MERCATOR_DESIGN_TOKEN", raising=False)
-        monkeypatch.delenv("MDESIGN_NO_REPORT")
         monkeypatch.chdir(tmp_path)
         return mdesign
 

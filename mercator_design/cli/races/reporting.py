@@ -34,7 +34,9 @@ NO_COMPARISON = click.option(
     help="In the report, do not compare the winner with others: experiments on its test instances, beyond the budget.",
 )
 NO_REPORT = click.option(
-    "--no-report", is_flag=True, envvar="MDESIGN_NO_REPORT", help="Do not write report.html into the results' folder."
+    "--no-report/--report",
+    envvar="MDESIGN_NO_REPORT",
+    help="Do not write report.html into the results' folder; or write it, whatever MDESIGN_NO_REPORT says.",
 )
 
 

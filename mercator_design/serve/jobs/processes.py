@@ -1,6 +1,5 @@
 """The processes of jobs: `mdesign race` or `mdesign study run` in a folder each."""
 
-import os
 import subprocess
 import sys
 from functools import cached_property
@@ -56,7 +55,7 @@ class Launcher:
         request = job.request
         text = str(self._store.folder(job.id).relative_to(self._store.data) / request.FILE)
         if isinstance(request, StudyRequest):
-            command = ["study", "run", request.study or text, "-o", job.id]
+            command = ["study", "run", request.study or text, "-o", job.id, "--report"]  # its page is its result
         else:
             command = self._of_race(job.id, request, text)
         command += ["--jobs", str(self._cores), "--quiet"]
@@ -79,15 +78,11 @@ class Launcher:
         Raises:
             OSError: It cannot be started.
         """
-        environment = {**os.environ}
-        if isinstance(job.request, StudyRequest):
-            environment.pop("MDESIGN_NO_REPORT", None)  # the page of a study is its result
         with (self._store.folder(job.id) / OUTPUT).open("wb") as output:
             return RaceProcess(
                 # -P: the folder of the data is no place of code.
                 [sys.executable, "-P", "-m", "mercator_design.serve.jobs.run_race", *self.command(job)],
                 cwd=self._store.data,
-                env=environment,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=output,

@@ -432,10 +432,9 @@ class TestCommand:
         assert words in err
         assert f"to write it: mdesign report {folder}" in err
 
-    def test_where_it_is(self, mdesign, folder, monkeypatch):
-        monkeypatch.delenv("MDESIGN_NO_REPORT")
+    def test_where_it_is_and_that_an_option_is_above_the_environment(self, mdesign, folder, monkeypatch):
         monkeypatch.setattr(reporting, "report_page", lambda *_, **__: "page")
-        code, out, _ = mdesign("race", "--resume", folder, "--no-comparison")
+        code, out, _ = mdesign("race", "--resume", folder, "--no-comparison", "--report")
         assert (code, out.splitlines()[-1]) == (0, f"Report     {folder / REPORT}")
         assert (folder / REPORT).read_text() == "page"
 

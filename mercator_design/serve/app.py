@@ -22,6 +22,7 @@ from mercator_design.serve.web import job as job_page
 from mercator_design.serve.web import jobs as job_list
 from mercator_design.serve.web import machines as machine_pages
 from mercator_design.serve.web import missions as mission_pages
+from mercator_design.serve.web import studies as study_pages
 from mercator_design.serve.web.layout import problem_page
 from mercator_design.serve.web.part_cache import PartCache
 from mercator_design.serve.workers.pool import CURRENT_USER
@@ -70,7 +71,7 @@ def application(service: Service) -> FastAPI:
     for room in (
         *(jobs, missions, events, files, system),
         *(fsms, designs),
-        *(assets, login, job_list, job_page, mission_pages, machine_pages, gallery),
+        *(assets, login, job_list, job_page, mission_pages, study_pages, machine_pages, gallery),
     ):
         app.include_router(room.router)
     return app

@@ -55,7 +55,7 @@ class Records(Generic[R]):
         return sorted(file.parent.name for file in self._folder.glob(f"*/{self._file}"))
 
     def add(self, record: R, texts: Mapping[str, str]) -> None:
-        """Write a new record with its texts, by name. If one cannot be written, nothing is left.
+        """Write a new record with its texts, by their paths in its folder. If one cannot be written, nothing is left.
 
         Raises:
             ServiceError: A value of the record is not valid.
@@ -65,6 +65,7 @@ class Records(Generic[R]):
         folder.mkdir()
         try:
             for name, text in texts.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 write_text(folder / name, text)
             self.write(record)
             self.read(record.id)

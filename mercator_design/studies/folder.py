@@ -1,6 +1,6 @@
 """The folder of a study: its files, whose it is, and which processes work in it.
 
-study.yaml         the plan, with all defaults and with absolute paths
+study.yaml         the plan, with all defaults and with paths from here, so that folders may be given to others
 study.json         names and definitions of all that the cells are made of; a changed definition is refused
 cells/MISSION/METHOD/BUDGET/REPETITION/
                    a run folder of its own (results/folder.py), and assessment.json (assessment.py)
@@ -105,7 +105,7 @@ class StudyFolder:
                     facts = _facts_of(path, study)
                     for name in (FACTS, PLAN):
                         remove_drafts(path / name)
-                    write_text(path / PLAN, dump(study.plan))
+                    write_text(path / PLAN, dump(study.plan.seen_from(path)))
                     write_text(path / FACTS, json.dumps(plain(facts), indent=1) + "\n")
                 return cls(path, facts, locks.pop_all())
 

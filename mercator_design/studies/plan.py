@@ -5,12 +5,14 @@ This module defines the keys of the file and checks what one sees without readin
 """
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from mercator_design.config import shipped
+from mercator_design.config.building import is_name
 from mercator_design.config.loading import parse, read
 from mercator_design.config.schema import FieldError, FilePath, Length, Name, OneOf, Range, check
 from mercator_design.config.yaml_tree import FromFile
@@ -163,6 +165,50 @@ class StudyPlan(FromFile):
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def n_designs(self) -> int:
+        """The number of designs, of which none is made for it: a plan may ask for any number."""
+        raced = len(self.budgets) * (self.repetitions or 0)
+        of_mission = sum(raced if one.files is None else len(one.files) for one in self.methods.values())
+        entries = (len(one.seeds or (None,)) if isinstance(one, StudyMission) else 1 for one in self.missions)
+        return of_mission * sum(entries) * max(1, len(self.robot_models))
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """The files of missions and of control software, by the paths of their keys."""
+        missions = {
+            f"missions[{index}]": one.mission if isinstance(one, StudyMission) else one
+            for index, one in enumerate(self.missions)
+        }
+        made = {
+            f"methods.{name}.files[{index}]": file
+            for name, method in self.methods.items()
+            for index, file in enumerate(method.files or ())
+        }
+        return {key: file for key, file in missions.items() if file is not None and not is_name(file)} | made
+
+    def seen_from(self, folder: Path) -> "StudyPlan":
+        """This plan with paths that start from a folder."""
+        start = folder.resolve()
+
+        def moved(given: Any) -> Any:  # noqa: ANN401 - names and paths, and what has them
+            if isinstance(given, tuple):
+                return tuple(map(moved, given))
+            if isinstance(given, StudyMission):
+                return replace(given, mission=moved(given.mission))
+            if isinstance(given, StudyMethod):
+                return replace(given, flavour=moved(given.flavour), files=moved(given.files))
+            return os.path.relpath(given, start) if isinstance(given, str) and not is_name(given) else given
+
+        return replace(
+            self,
+            plugins=moved(self.plugins),
+            missions=moved(self.missions),
+            robot_models=moved(self.robot_models),
+            assess=replace(self.assess, realities=moved(self.assess.realities)),
+            methods={name: moved(method) for name, method in self.methods.items()},
+        )
 
 
 def plan_of(given: "StudyPlan | Mapping[str, Any] | str | Path") -> StudyPlan:

@@ -12,6 +12,7 @@ pytestmark = [pytest.mark.together("browser"), pytest.mark.skipif(CHROMIUM is No
 PAGES = {
     "/": "document.querySelector('table.jobs')",
     "/new": "!document.getElementById('picture').hidden",
+    "/new/study": "true",
     "/fsm": "document.querySelector('#diagram button')",
     "/compare": "true",
     "/gallery": "document.querySelector('.diagram svg')",

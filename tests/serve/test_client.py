@@ -5,19 +5,23 @@ import io
 import json
 import socket
 import time
+from pathlib import Path
 
 import httpx
 import pytest
 from fastapi.sse import KEEPALIVE_COMMENT
 
 from mercator_design.config import shipped
+from mercator_design.missions.mission import load_mission
 from mercator_design.serve.app import guarded
 from mercator_design.serve.client import connection as connecting
 from mercator_design.serve.client.connection import ClientError, Connection, token_for
 from mercator_design.serve.client.fetch import fetch_folder
 from mercator_design.serve.client.follow import events_of
 from mercator_design.serve.service import Service
+from mercator_design.software.files import fsm_of, read_fsm
 from tests.processes import wait_until
+from tests.serve.own_study import FILES, OWN, OWN_TOTAL
 from tests.serve.serving import serving
 from tests.serve.still import still
 
@@ -88,6 +92,29 @@ def test_submit_and_follow_and_fetch(client, server, told, done, tmp_path):
     journal = (tmp_path / job / "journal.jsonl").read_text().splitlines()
     told = [{key: value for key, value in json.loads(line).items() if key not in ("crc", "after")} for line in journal]
     assert [event for event in events if event["event"] != "stop"] == [one for one in told if one["event"] != "stop"]
+
+
+@pytest.mark.thorough
+def test_a_study_with_own_files_from_its_submission_to_its_tables(client, service, server, tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "mine.yaml").write_text(OWN)
+    code, out, err = client("submit", "mine.yaml")
+    assert code == 0, err
+    job = out.strip()
+    code, _, err = client("follow", job, "--progress", "plain")
+    assert code == 0, err
+    assert f"{job}: finished, {OWN_TOTAL} of {OWN_TOTAL} experiments" in err
+    assert client("fetch", job)[0] == 0
+    folder = tmp_path / job
+    assert len((folder / "tables/designs.csv").read_text().splitlines()) == 1 + 2 * 2 + 2
+    hand = read_fsm(folder / "cells/aggregation/hand/0/1/fsm.txt").software
+    assert hand == fsm_of(FILES["made/by-hand.txt"], "").software
+    assert load_mission(folder / "cells/aggregation/random/20/1/mission.yaml").duration == 1
+    assert '<iframe class="report"' in httpx.get(f"{server}/jobs/{job}/race").text
+    for file in filter(Path.is_file, folder.rglob("*")):
+        assert str(service.data).encode() not in file.read_bytes(), file
 
 
 @pytest.mark.thorough

@@ -1,9 +1,10 @@
-"""Studies as jobs: what is refused, their lives, their pages, and one from its submission to its files."""
+"""Studies as jobs: what is refused, their lives, their pages. test_client.py has one from submission to tables."""
 
 import fcntl
 import json
 import os
 import shutil
+import tempfile
 from contextlib import contextmanager
 
 import pytest
@@ -13,9 +14,9 @@ from mercator_design.serve.app import guarded
 from mercator_design.serve.jobs.job import StudyRequest
 from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.processes import Launcher
-from mercator_design.serve.service import Service
 from mercator_design.serve.settings import UserLimits
 from mercator_design.studies.folder import lock_file
+from tests.serve.own_study import FILES, OWN, OWN_TOTAL
 from tests.serve.serving import serving
 
 pytestmark = pytest.mark.together
@@ -152,7 +153,7 @@ class TestItsLife:
 def test_its_command(house):
     launch = Launcher(house.store, house.settings, 2)
     command = launch.command(house.store.read(job := submitted(house)))
-    text = f".service/jobs/{job}/study.yaml"
+    text = f".service/jobs/{job}/study/study.yaml"
     assert command == ["study", "run", text, "-o", job, "--report", "--jobs", "2", "--quiet"]
     assert (house.data / text).read_text() == TEXT
     named = house.jobs.submit("ann", "maple", "", StudyRequest(study="maple", budget=100)).id
@@ -203,18 +204,37 @@ class TestSubmitting:
     @pytest.mark.parametrize(
         ("before", "after", "words"),
         [
-            ("{method: random}", "{files: [fsm.txt]}", "files[0]: expected no file"),
+            (
+                "{method: random}",
+                "{files: [fsm.txt]}",
+                "files[0]: expected a file that is sent with the study, found fsm",
+            ),
+            (
+                "{method: random}",
+                "{files: [/etc/passwd]}",
+                "expected a file that is sent with the study, found /etc/pass",
+            ),
+            (
+                "{method: random}",
+                "{files: [../job.json]}",
+                "expected a file that is sent with the study, found ../job.j",
+            ),
             ("{method: random}", "{method: random, flavour: /x.yaml}", "methods.random.flavour: expected "),
+            ("schema: 1", "schema: 1\nplugins: [random_walks]", "plugins[0]: expected no plugin, as only the administ"),
+            ("schema: 1", "schema: 1\nplugins: [/x/y.py]", "plugins[0]: expected no plugin, as only the administra"),
             ("{method: random}", "{method: random, flavour: mine}", "flavour: expected the name of a shipped one"),
-            ("mission: aggregation", "mission: ./own.yaml", "missions[0].mission: expected "),
+            ("mission: aggregation", "mission: ./own.yaml", "missions[0]: expected a file that is sent with the study"),
             ("mission: aggregation", "mission: nowhere", "missions[0]: nowhere: no such mission"),
             ("robots=2]", "robots=101]", "robots: expected at most 100, the limit here"),
             ("robots=2]", "robot_model=/etc/passwd]", "robot_model"),
             ("robots=2]", "'floor.image={path: /etc/passwd, size: [1, 1]}']", "image"),
             ("runs: 3", "runs: 3, realities: [nowhere]", "realities[0]: expected the name of a shipped one"),
-            ("runs: 3", "runs: 3, realities: [/x.yaml]", "realities[0]: expected no file"),
+            ("runs: 3", "runs: 3, realities: [./x.yaml]", "realities[0]: expected the name of a shipped one, found x."),
             ("schema: 1", "schema: 1\nrobot_models: [nowhere]", "robot_models[0]: expected the name of a shipped one"),
             ("repetitions: 2", "repetitions: 251", "expected at most 500 designs, the limit here, found 502"),
+            ("random: {method: random}", "random/../x: {method: random}", "study.yaml"),
+            ("name: small", "name: a/b", "name: expected text: letters, digits"),
+            ("{method: random}", "&a {options: {instances: 5}}", "anchors and aliases (&, *) are not understood"),
         ],
     )
     def test_files_and_what_is_beyond_a_limit(self, ann, before, after, words):
@@ -222,6 +242,77 @@ class TestSubmitting:
         answer = ann.post(STUDIES, json={"study_text": TEXT.replace(before, after, 1)})
         assert answer.status_code == 422, answer.text
         assert words in " ".join(answer.json()["errors"])
+
+    def test_numbers_of_designs_that_nobody_counts_one_by_one(self, ann):
+        many = TEXT.replace("[20]", f"{[*range(20, 25_020)]}").replace("repetitions: 2", "repetitions: 10000")
+        answer = ann.post(STUDIES, json={"study_text": many.replace("missions: [", "missions: [foraging, ")})
+        assert answer.status_code == 422
+        assert answer.json()["errors"] == ["small: expected at most 500 designs, the limit here, found 1000000000"]
+
+
+class TestItsFiles:
+    """What the text names comes with it, and nothing else is read."""
+
+    def test_they_are_kept_beside_it(self, ann, quiet):
+        key = {"Idempotency-Key": "with-files"}
+        body = {"study_text": OWN, "files": FILES}
+        answer = ann.post(STUDIES, json=body, headers=key)
+        assert answer.status_code == 201, answer.text
+        job = answer.json()["job"]
+        assert (job["name"], job["budget"]) == ("own files", OWN_TOTAL)
+        assert quiet.service.store.request(job["id"]).files == FILES
+        folder = quiet.service.store.folder(job["id"])
+        assert (folder / "study/made/by-hand.txt").read_text() == FILES["made/by-hand.txt"]
+        assert "nstates" not in (folder / "job.json").read_text()
+        assert ann.post(STUDIES, json=body, headers=key).json()["job"]["id"] == job["id"]
+        other = {**FILES, "made/by-hand.txt": "--nstates 1 --s0 0 --rwm0 30\n"}
+        assert ann.post(STUDIES, json={"study_text": OWN, "files": other}, headers=key).status_code == 409
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            (
+                {"short.yaml": None},
+                "study.yaml:7: missions[0]: expected a file that is sent with the study, found short",
+            ),
+            ({"more.yaml": ""}, "more.yaml: expected only files that the missions and methods of the study name"),
+            ({"short.yaml": "x" * 262_145}, "body.files.short.yaml: String should have at most 262144 characters"),
+            ({f"{k}.txt": "" for k in range(200)}, "body.files: Dictionary should have at most 200 items"),
+            (
+                {"../job.json": "{}"},
+                "body.files: expected a path as missions/own.yaml, of at most 200 bytes, without '..'",
+            ),
+            ({"/etc/cron.d/x": ""}, "without '..' and hidden files, found /etc/cron.d/x"),
+            ({"a//b": ""}, "without '..' and hidden files, found a//b"),
+            ({".hidden": ""}, "without '..' and hidden files, found .hidden"),
+            ({"": ""}, "without '..' and hidden files, found "),
+            ({"é" * 101: ""}, "of at most 200 bytes"),
+            ({"a\0b": ""}, "without '..' and hidden files"),
+            ({"made": ""}, "expected each file with a name of its own, found made twice, or as a folder"),
+            ({"study.yaml": ""}, "expected each file with a name of its own, found study.yaml twice, or as a folder"),
+            ({"\ud800": ""}, "body.files"),
+            ({"short.yaml": "\ud800"}, "body.files.short.yaml"),
+            ({"short.yaml": "robots: 3\n"}, "study.yaml:7: missions[0]: short.yaml:1: schema: missing key"),
+            ({"short.yaml": FILES["short.yaml"].replace(": mercator", ": ./m.yaml")}, "robot_model: expected no file"),
+            ({"short.yaml": FILES["short.yaml"].replace("robots: 2", "robots: 101")}, "robots: expected at most 100"),
+            ({"made/by-hand.txt": "import os\n"}, "study.yaml:6: methods.hand: made/by-hand.txt:1: "),
+            (
+                {"made/by-hand.txt": "# module plugins: x.py 0123\n--nstates 1 --s0 0 --rwm0 20\n"},
+                "made/by-hand.txt: has modules of the plugin x.py; give --plugin with that plugin",
+            ),
+        ],
+    )
+    def test_what_is_refused(self, ann, changes, words):
+        files = {name: text for name, text in (FILES | changes).items() if text is not None}
+        body = json.dumps({"study_text": OWN, "files": files})
+        answer = ann.post(STUDIES, content=body, headers={"content-type": "application/json"})
+        assert answer.status_code in (413, 422), answer.text
+        assert words in " ".join(answer.json()["errors"])
+        assert tempfile.gettempdir() not in answer.text
+
+    def test_a_shipped_study_has_none(self, ann):
+        answer = ann.post(STUDIES, json={"study": "maple", "files": {"x.txt": ""}})
+        assert (answer.status_code, "x.txt: expected only files" in answer.text) == (422, True)
 
 
 class TestItsPage:
@@ -275,9 +366,8 @@ class TestItsPage:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory, plain_races):
-    """A service that runs studies."""
-    with Service(tmp_path_factory.mktemp("live") / "runs") as service, serving(guarded(service)) as address:
+def server(quiet):
+    with serving(guarded(quiet.service)) as address:
         yield address
 
 
@@ -301,10 +391,25 @@ class TestTheClient:
         assert "Missing option '--budget'" in err
 
     def test_a_study_that_is_refused(self, client, tmp_path):
-        (tmp_path / "own.yaml").write_text(TEXT.replace("{method: random}", "{files: [fsm.txt]}"))
+        (tmp_path / "own.yaml").write_text(TEXT.replace("{method: random}", "{method: random, flavour: x.yaml}"))
         code, out, err = client("submit", "own.yaml")
         assert (code, out) == (3, "")
-        assert "expected no file" in err
+        assert "methods.random.flavour: expected the name of a shipped one, found x.yaml" in err
+
+    @pytest.mark.parametrize(
+        ("named", "words"),
+        [
+            ("fsm.txt", "own.yaml:6: methods.hand.files[0]: "),
+            ("../fsm.txt", "own.yaml:6: methods.hand.files[0]: expected a file in the folder of the study or below, "),
+            ("large.txt", "large.txt: expected at most 256 KiB, found a larger file"),
+        ],
+    )
+    def test_a_file_that_cannot_be_sent(self, client, tmp_path, named, words):
+        (tmp_path / "large.txt").write_text("#" * 300_000)
+        (tmp_path / "own.yaml").write_text(TEXT.replace("methods: {", f"methods: {{hand: {{files: [{named}]}}, "))
+        code, out, err = client("submit", "own.yaml")
+        assert (code, out) == (2, "")
+        assert words in err
 
 
 def test_no_shipped_study_has_the_name_of_a_mission():

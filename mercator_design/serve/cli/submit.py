@@ -22,6 +22,7 @@ from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.cli.service import EPILOG, SERVICE, connected
 from mercator_design.serve.client.connection import ConnectionLost
 from mercator_design.serve.jobs.job import MAX_BUDGET, MAX_PRIORITY, MAX_TESTS
+from mercator_design.studies.plan import load_plan
 
 _TRIES = 3
 _OF_RACES = ("budget", "seed", "flavour", "method", "test_runs", "overrides")
@@ -79,10 +80,12 @@ def submit(
     of this machine, because only its text is sent. --budget, --seed, --flavour, --method, --test-runs and --set mean
     the same as for `mdesign race`.
 
-    A file with the keys of a study, or the name of a shipped study, is run as by `mdesign study run`. Its missions are
-    shipped ones, perhaps with overrides, and sampled ones; control software of files is not sent.
+    A file with the keys of a study, or the name of a shipped study, is run as by `mdesign study run`. The files of its
+    missions and of hand-made control software are sent with it; they lie in its folder or below. It names no plugins;
+    its flavours and robot models are shipped ones.
 
-    Exit codes: 3, the service refuses the mission or the request; 1, it cannot be reached or cannot take the job.
+    Exit codes: 2, the file of a study is not valid; 3, the service refuses the mission or the request; 1, it cannot be
+    reached or cannot take the job.
     """
     if (study := _study(mission)) is not None:
         context = click.get_current_context()
@@ -118,8 +121,25 @@ def submit(
 
 
 def _study(name: str) -> dict[str, Any] | None:
-    """A study by its file or its name, as the service takes it; None if it is no study."""
-    if is_path(name):
-        file = Path(name)
-        return {"study_text": text_of(file, error=StudyError)} if is_study(content_of(file)) else None
-    return {"study": name} if name in studies().keys() - missions().keys() else None
+    """A study by its file, with the files that it names, or by its name, as the service takes it; None if it is none.
+
+    Raises:
+        StudyError: It is not valid, or a file that it names cannot be read or lies elsewhere.
+    """
+    if not is_path(name):
+        return {"study": name} if name in studies().keys() - missions().keys() else None
+    file = Path(name)
+    if not is_study(content_of(file)):
+        return None
+    plan, folder, files = load_plan(file), file.parent.resolve(), dict[str, str]()
+    for key, path in plan.files.items():
+        if not Path(path).is_relative_to(folder) or ".." in Path(path).parts:
+            raise StudyError(
+                f"{plan.where(key)}: expected a file in the folder of the study or below, as the service gets "
+                f"a copy of what is there, found {path}"
+            )
+        try:
+            files[Path(path).relative_to(folder).as_posix()] = text_of(Path(path), error=StudyError)
+        except StudyError as error:
+            raise StudyError(*(f"{plan.where(key)}: {message}" for message in error.messages)) from None
+    return {"study_text": text_of(file, error=StudyError), "files": files}

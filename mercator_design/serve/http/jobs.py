@@ -47,7 +47,7 @@ def submit_study(
         response.status_code = 200
     else:
         service.jobs.check_disk(user.name)
-    checked = service.workers.run(check_study, body.study, body.study_text, service.settings.limits)
+    checked = service.workers.run(check_study, body.study, body.study_text, body.files, service.settings.limits)
     request = StudyRequest(**body.model_dump(), budget=checked.experiments)
     row = service.jobs.submit(user.name, checked.name, "", request, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"

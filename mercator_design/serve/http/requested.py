@@ -73,7 +73,7 @@ def requested_of_job(service: Service, row: IndexRow) -> MissionSource:
     """
     request = service.store.request(row.id)
     if isinstance(request, StudyRequest):
-        raise NotPossible(f"{row.id}: expected a race, found a study: its missions are in {request.FILE}")
+        raise NotPossible(f"{row.id}: expected a race, found a study: its missions are in its file")
     return MissionSource.of(request)
 
 

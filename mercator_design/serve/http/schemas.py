@@ -1,21 +1,27 @@
 """The bodies of requests and answers on jobs."""
 
 from dataclasses import asdict
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
+from mercator_design.errors import excerpt, printable
 from mercator_design.modules.flavour import flavour_names
 from mercator_design.race.methods.table import DEFAULT_METHOD, METHODS
 from mercator_design.results.analysis.comparison import TEST_RUNS
 from mercator_design.serve.jobs.index import ORDERS, IndexRow
-from mercator_design.serve.jobs.job import KINDS, MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest
+from mercator_design.serve.jobs.job import KINDS, MAX_BUDGET, MAX_PRIORITY, MAX_TESTS, Job, RaceRequest, StudyRequest
 from mercator_design.serve.workers.sources import MissionSource
 
 MAX_TEXT = 262_144
 """Maximum length of a mission or an FSM [characters]."""
 MAX_SEED = 2**53 - 1
 """The largest seed of a request: pages send it again, and JavaScript rounds larger numbers."""
+MAX_FILES = 200
+"""Maximum number of files beside a study's."""
+MAX_PATH = 200
+"""Maximum length of the path of such a file [bytes]."""
 MAX_ID = 255
 """Maximum length of an id [characters]; a run folder of no job has its name as id."""
 
@@ -108,11 +114,30 @@ class JobRequest(MissionGiven):
         return RaceRequest(**self.model_dump() | {"set": tuple(self.set)})
 
 
+def _beside(files: dict[str, str]) -> dict[str, str]:
+    """Files by paths that lead into the folder of a study, where each has a place of its own."""
+    folders = {str(folder) for name in files for folder in PurePosixPath(name).parents}
+    for name in files:
+        path = PurePosixPath(name)
+        is_path = str(path) == name and not path.is_absolute() and path.parts and name.isprintable()
+        if not is_path or any(part.startswith(".") for part in path.parts) or len(name.encode()) > MAX_PATH:
+            what = f"expected a path as missions/own.yaml, of at most {MAX_PATH} bytes, without '..' and hidden files"
+            raise ValueError(f"{what}, found {printable(excerpt(name))}")
+        if name in folders or name == PurePosixPath(StudyRequest.FILE).name:
+            raise ValueError(f"expected each file with a name of its own, found {name} twice, or as a folder")
+    return files
+
+
 class StudyToSubmit(Body):
-    """A study to submit: a shipped one by its name, or the text of a study's file, which may not name files."""
+    """A study to submit: a shipped one by its name, or the text of a study's file, with the files that it names."""
 
     study: Annotated[str, Field(max_length=200, description="Name of a shipped study.")] = ""
     study_text: Annotated[MissionText | None, Field(description="A study's file (YAML), instead of a name.")] = None
+    files: Annotated[
+        dict[str, MissionText],
+        Field(max_length=MAX_FILES, description="Missions and control software that the text names, by their paths."),
+        AfterValidator(_beside),
+    ] = {}
     priority: Annotated[
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="Among your jobs; a higher one runs first.")
     ] = 0

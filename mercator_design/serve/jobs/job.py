@@ -1,7 +1,7 @@
 """A job: a request, and its state. The folder of its race or study has the rest, but what is in the file of the job."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_args
 
 from mercator_design.config.schema import Length, Name, OneOf, Range
@@ -16,6 +16,7 @@ MAX_BUDGET, MAX_TESTS, MAX_PRIORITY, MAX_SEED = 10**9, 10**6, 100, 2**63 - 1
 KINDS = ("race", "study")
 """What a job runs."""
 Wish: TypeAlias = Literal["run", "pause", "cancel"]
+_STUDY = "study/"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,6 +24,7 @@ class RaceRequest:
     """Request of a race, in the terms of `mdesign race`; the same value from a route of the API to the job."""
 
     FILE: ClassVar = "mission.yaml"  # of its text
+    TEXTS: ClassVar = FILE  # pattern of the files of all its texts
 
     kind: Literal["race"] = "race"
     mission: str  # name of a shipped mission; empty: mission_text is one
@@ -36,12 +38,12 @@ class RaceRequest:
     priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # among its user's jobs; a higher one runs first
 
     @property
-    def text(self) -> str | None:
-        """The user's text, if any."""
-        return self.mission_text
+    def texts(self) -> Mapping[str, str]:
+        """The user's text, if any, by its file."""
+        return {} if self.mission_text is None else {self.FILE: self.mission_text}
 
-    def with_text(self, text: str | None) -> Self:
-        return replace(self, mission_text=text)
+    def with_texts(self, texts: Mapping[str, str]) -> Self:
+        return replace(self, mission_text=texts.get(self.FILE))
 
     @property
     def experiments(self) -> Mapping[str, int]:
@@ -53,21 +55,25 @@ class RaceRequest:
 class StudyRequest:
     """Request of a study, in the terms of `mdesign study run`."""
 
-    FILE: ClassVar = "study.yaml"  # of its text
+    FILE: ClassVar = f"{_STUDY}study.yaml"  # of its text
+    TEXTS: ClassVar = f"{_STUDY}**/*"  # pattern of the files of all its texts
 
     kind: Literal["study"] = "study"
     study: str  # name of a shipped study; empty: study_text is one
-    study_text: str | None = None  # of a study's file; of a job's file, it is in a file beside it
+    study_text: str | None = None  # of a study's file; of a job's file, it is in a file beside it, as `files` are
+    files: Mapping[str, str] = field(default_factory=dict)  # texts that the study's text names, by their paths in it
     budget: Annotated[int, Range(1, MAX_BUDGET)]  # experiments of the whole at most, with those of the assessments
     priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # as of races
 
     @property
-    def text(self) -> str | None:
-        """The user's text, if any."""
-        return self.study_text
+    def texts(self) -> Mapping[str, str]:
+        """The user's texts by their files: of the study, and of what it names."""
+        own = {} if self.study_text is None else {self.FILE: self.study_text}
+        return own | {f"{_STUDY}{name}": text for name, text in self.files.items()}
 
-    def with_text(self, text: str | None) -> Self:
-        return replace(self, study_text=text)
+    def with_texts(self, texts: Mapping[str, str]) -> Self:
+        files = {file.removeprefix(_STUDY): text for file, text in texts.items() if file != self.FILE}
+        return replace(self, study_text=texts.get(self.FILE), files=files)
 
     @property
     def experiments(self) -> Mapping[str, int]:

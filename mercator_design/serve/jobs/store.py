@@ -2,8 +2,8 @@
 
 DATA/ID/                     the folder of a job, as `mdesign race -o` or `mdesign study -o` writes it; or a run folder
                              that was there before
-DATA/.service/jobs/ID/       job.json, mission.yaml or study.yaml if the user sent a text, and output.txt, the messages
-                             of its process
+DATA/.service/jobs/ID/       job.json, and output.txt, the messages of its process; of a user's text mission.yaml, or
+                             the folder study/, with study.yaml and the files that it names
 """
 
 import shutil
@@ -49,7 +49,7 @@ class Store(Records[Job]):
                 self._clear(left.name)
 
     def create(self, owner: str, name: str, direction: str, request: Request, *, key: str = "") -> Job:
-        """A new job. The text of its mission or study is written to a file of its own.
+        """A new job. The texts of its mission or study are written to files of their own.
 
         Raises:
             ServiceError: A value is not valid, for example the name.
@@ -60,11 +60,11 @@ class Store(Records[Job]):
             owner=owner,
             name=name,
             direction=direction,
-            request=request.with_text(None),
+            request=request.with_texts({}),
             submitted=now("microseconds"),  # so exact that it orders submissions
             key=key,
         )
-        self.add(job, {} if request.text is None else {request.FILE: request.text})
+        self.add(job, request.texts)
         return job
 
     def run_folder(self, identity: str) -> Path:
@@ -85,14 +85,15 @@ class Store(Records[Job]):
         return text
 
     def request(self, identity: str) -> Request:
-        """The request of a job, with the text of its mission or study.
+        """The request of a job, with the texts of its mission or study.
 
         Raises:
             ServiceError: A file of the job is damaged.
         """
         request = self.read(identity).request
-        has_text = (self.folder(identity) / request.FILE).exists()
-        return request.with_text(self.text(identity, request.FILE) if has_text else None)
+        folder = self.folder(identity)
+        files = [path.relative_to(folder).as_posix() for path in folder.glob(request.TEXTS) if path.is_file()]
+        return request.with_texts({file: self.text(identity, file) for file in files})
 
     def update(self, identity: str, **changes: Any) -> Job:  # noqa: ANN401 - the fields of Job
         """Change fields of a job; it is written only if one of them changes.

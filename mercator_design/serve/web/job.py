@@ -16,7 +16,7 @@ from mercator_design.serve.designs import FSM
 from mercator_design.serve.http.context import OwnJob, TheService, TheUser, VisibleJob, may_change
 from mercator_design.serve.http.files import files_of
 from mercator_design.serve.jobs.index import IndexRow
-from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY, RaceRequest, StudyRequest
+from mercator_design.serve.jobs.job import ENDED, MAX_PRIORITY, RaceRequest
 from mercator_design.serve.jobs.processes import last_messages
 from mercator_design.serve.jobs.races import end_of, length_of
 from mercator_design.serve.jobs.store import MISSION, OUTPUT
@@ -42,13 +42,13 @@ from mercator_design.show.charts import number
 from mercator_design.show.markup import escaped, escaped_lines
 from mercator_design.show.report.markup import Html, facts_list, folded, section
 from mercator_design.show.report.page import REPORT
-from mercator_design.studies.folder import CELLS, FACTS, lock_file
+from mercator_design.studies.folder import CELLS, FACTS, PLAN, lock_file
 
 router = APIRouter(prefix="/jobs/{id}", include_in_schema=False)
 
 _SECONDS = 15  # between two refreshes without an event
 _READING = '<p class="faint">Reading its folder …</p>'
-_FIRST = (FSM, REPORT, "results.csv", "journal.jsonl", MISSION, StudyRequest.FILE)
+_FIRST = (FSM, REPORT, "results.csv", "journal.jsonl", MISSION, PLAN)
 """Files that are listed first."""
 
 

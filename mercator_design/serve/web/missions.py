@@ -64,6 +64,7 @@ def new(
         text = _named(text_of(shipped.missions()[name], error=MissionError), name)
     body = (
         f'<p class="problem" role="alert">{escaped(problem)}</p>' if problem else "",
+        tabs("/new"),
         _start(name, "" if name else job),
         f'<form id="new" novalidate data-start="{escaped(start)}" data-shipped="{escaped(name)}">',
         _editor(text),
@@ -119,13 +120,13 @@ def _settings(limit: int, request: RaceRequest) -> Html:
         for name, budget in _BUDGETS.items()
         if budget <= limit
     )
-    budget = _number("budget", "Budget (number of experiments)", max(1, request.budget), 1, limit)
+    budget = number_field("budget", "Budget (number of experiments)", max(1, request.budget), 1, limit)
     fields = (
         _choice("method", "Method", METHODS, request.method),
         _choice("flavour", "Flavour of modules", flavour_names(), request.flavour),
-        _number("seed", "Seed", request.seed, 0, MAX_SEED),
-        _number("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, MAX_TESTS),
-        _number("priority", "Priority among your jobs", request.priority, -MAX_PRIORITY, MAX_PRIORITY),
+        number_field("seed", "Seed", request.seed, 0, MAX_SEED),
+        number_field("test_runs", "Fresh instances to test the winner on", request.test_runs, 0, MAX_TESTS),
+        number_field("priority", "Priority among your jobs", request.priority, -MAX_PRIORITY, MAX_PRIORITY),
     )
     return Html(
         f'<section id="race"><h2>Race</h2><div class="budget">{budget}'
@@ -138,7 +139,14 @@ def _settings(limit: int, request: RaceRequest) -> Html:
     )
 
 
-def _number(name: str, label: str, value: int, low: int, high: int) -> str:
+def tabs(here: str) -> Html:
+    """Links to the forms of the kinds of jobs."""
+    kinds = {"/new": "A race", "/new/study": "A study"}
+    links = (f'<a href="{to}"{" aria-current=page" * (to == here)}>{word}</a>' for to, word in kinds.items())
+    return Html(f'<nav class="tabs" aria-label="Kind of job">{"".join(links)}</nav>')
+
+
+def number_field(name: str, label: str, value: int, low: int, high: int) -> str:
     field = (
         f'<input type="number" id="{name}" name="{name}" value="{value}" min="{low}" max="{high}" step="1" required>'
     )

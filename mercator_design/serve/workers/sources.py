@@ -27,7 +27,7 @@ FSM = "FSM"
 class MissionSource:
     """A mission of a run folder, of a user's text, or a shipped one."""
 
-    name: str = ""
+    name: str = ""  # of a shipped one; of a text, the name of its file in messages
     text: str | None = None
     overrides: tuple[str, ...] = ()
     folder: Path | None = None  # a run folder of ours, which has all files of its mission
@@ -59,7 +59,7 @@ class MissionSource:
             MissionError: There is no shipped mission of the name.
         """
         if self.text is not None:
-            return MISSION, self.text
+            return self.name or MISSION, self.text
         files = shipped.missions()
         name = shipped.named(self.name, files, "mission")
         return name, text_of(files[name], error=MissionError)

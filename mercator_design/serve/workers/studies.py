@@ -1,10 +1,12 @@
 """Functions on studies that workers compute: checks before submission, the part of a job's page.
 
-A study of a user is one text. It may not name files, so it has shipped missions, with overrides, and sampled ones.
+A study of a user is a text with the texts of missions and control software that it names. They are checked in a folder
+as they will run in that of the job. As in races, missions name no files, and nobody brings code.
 """
 
+import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,58 +43,87 @@ class CheckedStudy:
     warnings: tuple[str, ...]
 
 
-def check_study(study: str, text: str | None, limits: UserLimits) -> CheckedStudy:
+def check_study(study: str, text: str | None, files: Mapping[str, str], limits: UserLimits) -> CheckedStudy:
     """Check a study, and that its races can begin.
 
     Args:
         study: The name of a shipped one.
         text: Instead of it, the text of a study's file.
+        files: The texts that this names, by their paths beside it.
         limits: Limits of the service.
 
     Raises:
-        MercatorError: It is not valid, names files, or is beyond a limit; with each mistake.
+        MercatorError: It is not valid, names other files, or is beyond a limit; with each mistake.
     """
-    plan = _plan(study, text)
-    if wrong := [*_mistakes(plan, limits)]:
+    with tempfile.TemporaryDirectory(dir=Path.cwd()) as made:
+        folder = Path(made).resolve()
+        for name, content in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(content, encoding="utf-8", newline="")
+        try:
+            return _checked(_plan(study, text, folder), folder, files, limits)
+        except MercatorError as error:
+            raise StudyError(*(one.replace(f"{folder}/", "") for one in error.messages)) from None
+
+
+def _checked(plan: StudyPlan, folder: Path, files: Mapping[str, str], limits: UserLimits) -> CheckedStudy:
+    if wrong := [*_mistakes(plan, folder, files, limits)]:
         raise StudyError(*wrong)
     found = resolve(plan)
+    if others := [name for name, method in found.methods.items() if method.flavour not in shipped.flavours()]:
+        raise StudyError(*(f"{plan.where(f'methods.{name}')}: expected a shipped flavour" for name in others))
     for label, one in found.missions.items():
         check_limits(one.simulator.mission, limits, label)
     layout = found.layout
-    if len(layout.cells) > MAX_CELLS:
-        raise StudyError(
-            f"{plan.name}: expected at most {MAX_CELLS} designs, the limit here, found {len(layout.cells)}"
-        )
     experiments = sum(map(layout.n_experiments, layout.cells))
     if experiments > MAX_BUDGET:
         raise StudyError(f"{plan.name}: expected at most {MAX_BUDGET} experiments, found {experiments}")
-    flavours = dict.fromkeys(method.flavour for method in found.methods.values())
     warnings = {
         f"{label}: {without_folders(what)}": None
         for label, one in found.missions.items()
-        for flavour in flavours
+        for flavour in dict.fromkeys(method.flavour for method in found.methods.values())
         for what in mission_warnings(one.simulator, flavour)
     }
     return CheckedStudy(name=plan.name, experiments=experiments, warnings=(*warnings,))
 
 
-def _plan(study: str, text: str | None) -> StudyPlan:
-    if text is None:
-        name = shipped.named(study, files := shipped.studies(), "study")
-        label, text = name, text_of(files[name], error=StudyError)
-    else:
-        name, label = Path(StudyRequest.FILE).stem, StudyRequest.FILE
-    plan: StudyPlan = parse(text, StudyPlan, error=StudyError, label=label, files=False, defaults={"name": name})
+def _plan(study: str, text: str | None, folder: Path) -> StudyPlan:
+    if text is not None:
+        file = Path(StudyRequest.FILE)
+        own: StudyPlan = parse(
+            text, StudyPlan, error=StudyError, label=file.name, folder=folder, defaults={"name": file.stem}
+        )
+        return own
+    name = shipped.named(study, known := shipped.studies(), "study")
+    text = text_of(known[name], error=StudyError)
+    plan: StudyPlan = parse(text, StudyPlan, error=StudyError, label=name, files=False, defaults={"name": name})
     return plan
 
 
-def _mistakes(plan: StudyPlan, limits: UserLimits) -> Iterator[str]:
-    """What a service does not run: the names that are not of shipped files, the missions beyond a limit."""
+def _mistakes(plan: StudyPlan, folder: Path, files: Mapping[str, str], limits: UserLimits) -> Iterator[str]:
+    """What a service does not run: code, files that were not sent, missions beyond a limit, too many designs."""
+
+    def found(name: str) -> str:
+        return f"found {excerpt(name.removeprefix(f'{folder}/'))}"
+
+    if plan.n_designs > MAX_CELLS:
+        yield f"{plan.name}: expected at most {MAX_CELLS} designs, the limit here, found {plan.n_designs}"
+    for index, name in enumerate(plan.plugins):
+        what = "expected no plugin, as only the administrator of a service brings code, for all"
+        yield f"{plan.where(f'plugins[{index}]')}: {what}, {found(name)}"
+    named = {key: file.removeprefix(f"{folder}/") for key, file in plan.files.items()}
+    for key, file in named.items():
+        if file not in files:
+            yield f"{plan.where(key)}: expected a file that is sent with the study, {found(file)}"
+    for file in sorted(files.keys() - {*named.values()}):
+        yield f"{file}: expected only files that the missions and methods of the study name, found one more"
     for index, entry in enumerate(plan.missions):
         given = entry if isinstance(entry, StudyMission) else StudyMission(mission=entry)
+        file = named.get(f"missions[{index}]", "")
+        if given.mission is None or (file and file not in files):
+            continue
         try:
-            if given.mission is not None:
-                MissionSource(name=given.mission, overrides=given.set).read(limits)
+            MissionSource(name=file or given.mission, text=files.get(file), overrides=given.set).read(limits)
         except MercatorError as error:
             yield from (f"{plan.where(f'missions[{index}]')}: {message}" for message in error.messages)
     flavours = {f"methods.{name}.flavour": method.race_flavour for name, method in plan.methods.items()}
@@ -100,10 +131,10 @@ def _mistakes(plan: StudyPlan, limits: UserLimits) -> Iterator[str]:
     for index, reality in enumerate(plan.assess.realities):
         if isinstance(reality, str):
             models[f"assess.realities[{index}]"] = reality
-    for named, known in ((flavours, shipped.flavours()), (models, shipped.robot_models())):
-        for place, name in named.items():
+    for keys, known in ((flavours, shipped.flavours()), (models, shipped.robot_models())):
+        for key, name in keys.items():
             if name not in known:
-                yield f"{plan.where(place)}: expected the name of a shipped one, found {excerpt(name)}"
+                yield f"{plan.where(key)}: expected the name of a shipped one, {found(name)}"
 
 
 def study_part(folder: Path) -> PagePart:

@@ -41,6 +41,20 @@ from mercator_design.system import address_space
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click before 8.2 prints the help itself
 
 FILE = click.Path(path_type=Path, readable=False)  # the reader of the file reports errors
+WINNER = "fsm.txt"
+"""The file of a race's winner in its run folder."""
+
+
+class ControllerFile(click.Path):
+    """A file with control software; a run folder stands for that of its winner."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:  # noqa: ANN401
+        path = Path(str(super().convert(value, param, ctx)))
+        winner = path / WINNER
+        return winner if winner.is_file() else path
+
+
+FSM = ControllerFile(path_type=Path, readable=False)  # the reader of the file reports errors
 
 
 Verb = Callable[..., None]

@@ -10,9 +10,9 @@ import click
 from mercator_design.api import evaluate as measure
 from mercator_design.api import fresh_instances
 from mercator_design.cli.inputs import Given, ignore, new_simulator, simulator_of, warn_of_mission
-from mercator_design.cli.options import CONTROLLER, CSV, FSM, JOBS, JSON, MISSION, PROGRESS, SEED
+from mercator_design.cli.options import CONTROLLER, CSV, JOBS, JSON, MISSION, PROGRESS, SEED
 from mercator_design.cli.terminal import Interrupt
-from mercator_design.command import print_note, print_result, read_controllers, warn
+from mercator_design.command import FSM, print_note, print_result, read_controllers, warn
 from mercator_design.config.writing import digest_of
 from mercator_design.missions.mission import load_mission
 from mercator_design.modules.architecture import Software

@@ -9,23 +9,12 @@ import click
 
 from mercator_design.cli.inputs import load_plugins
 from mercator_design.command import FLAVOUR_OPTION, LENIENT, PLUGIN_OPTION, OutputFile, beginning
-from mercator_design.designer import Designer
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.show.text.progress import MODES
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
-class ControllerFile(click.Path):
-    """A file with control software; a run folder stands for that of its winner."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:  # noqa: ANN401
-        path = Path(str(super().convert(value, param, ctx)))
-        winner = path / Designer.WINNER
-        return winner if winner.is_file() else path
-
-
-FSM = ControllerFile(path_type=Path, readable=False)  # the reader of the file reports errors
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 CSV = click.option("--csv", "as_csv", is_flag=True, help="Print the table as CSV.")
 _begun = beginning(load_plugins)

@@ -6,8 +6,8 @@ from typing import Unpack
 import click
 
 from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission, warn_of_no_effect
-from mercator_design.cli.options import CONTROLLER, FSM, MISSION, FileOf, seed_of
-from mercator_design.command import print_message, print_result, read_controller
+from mercator_design.cli.options import CONTROLLER, MISSION, FileOf, seed_of
+from mercator_design.command import FSM, print_message, print_result, read_controller
 from mercator_design.errors import printable
 from mercator_design.show.text.missions import scores_text
 from mercator_design.show.text.recording import FORMATS, check_size, write_recording

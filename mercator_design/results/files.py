@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from mercator_design import __version__
 from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, Range
-from mercator_design.designer import Designer
+from mercator_design.designer import GOAL, Designer
 from mercator_design.errors import RaceError, excerpt
 from mercator_design.race import Space
 from mercator_design.race.irace.tuner import Tuner
@@ -98,6 +98,11 @@ def read_provenance(path: Path) -> Provenance:
     found = read_provenance_file(path)
     _check_start(found.race, f"{path / PROVENANCE}: race")
     return found
+
+
+def goal_of(start: Mapping[str, Any]) -> str:
+    """The objectives of a race by several, in words; empty for others."""
+    return str(start.get(GOAL, ""))
 
 
 def possible_scores(path: Path) -> ScoreRange:

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from mercator_design import __version__
-from mercator_design.designer import Designer
+from mercator_design.designer import GOAL, Designer
 from mercator_design.errors import RaceError
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import BudgetExtended, ExperimentDone, TestDone
@@ -198,6 +198,8 @@ class RunFolder:
         if shown.is_fresh:
             raced = result.scores
             header["score in the race"] = f"{raced.mean:.6g} (mean of {len(raced.values)} runs)"
+        if GOAL in self.journal.record.start:
+            header["objectives"] = f"{self.journal.record.start[GOAL]}; the score is by the first"
         header |= {"budget": str(optimizer.budget), "journal": digest[:16]}
         finished = replace(
             self._provenance,

@@ -15,13 +15,13 @@ COLUMNS = ("run", "name", "flavour", "method", "seed", "experiments", "budget", 
 
 
 def runs_of(folder: Path) -> list[dict[str, Any]]:
-    """The facts (see `run_of`) on each race in the subfolders of a folder, the last changed one last.
+    """The facts (see `run_of`) on the race in a folder and on each in its subfolders, the last changed one last.
 
     Raises:
         RaceError: There is no such folder.
     """
     try:
-        journals = sorted(folder.glob(f"*/{JOURNAL}"), key=_modified)
+        journals = sorted([*folder.glob(JOURNAL), *folder.glob(f"*/{JOURNAL}")], key=_modified)
         found = folder.is_dir()
     except OSError as error:
         raise RaceError(f"{folder}: cannot be read: {error.strerror}") from None

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import re
 import shutil
 from contextlib import redirect_stdout
@@ -87,6 +88,40 @@ def test_the_summary_lists_it(raced):
 def test_other_verbs_say_what_their_figure_is(raced, mdesign):
     named = "Objectives maximise robots_in_zone and minimise path_length; a single figure is by the first"
     assert named in mdesign("runs", "show", raced[0] / "run")[1]
+
+
+def test_runs_show_and_compare_say_what_each_objective_gave(raced, mdesign, tmp_path):
+    shown = mdesign("runs", "show", raced[0] / "run")[1]
+    tested = shown.partition("Tested     on 5 fresh instances, beyond the budget, mean ± standard error:")[2]
+    assert "maximise robots_in_zone  minimise path_length" in tested
+    lines = {line.split()[0]: line for line in tested.splitlines() if line.split()}
+    for row in rows(raced[0] / "run"):
+        line = lines[row["configuration"]]
+        assert f"{float(row['path_length mean']):.4g} ± {float(row['path_length standard error']):.2g}" in line
+        assert ("on the front" in line) == (row["on_front"] == "True")
+    compared = mdesign("runs", "compare", raced[0] / "run")[1]
+    assert "maximise robots_in_zone and minimise path_length" in compared
+    assert "by the first of these" in compared
+    assert "objectives: maximise robots_in_zone" in (raced[0] / "run" / "fsm.txt").read_text()
+
+
+def test_verbs_of_machines_take_a_run_folder_for_its_winner(raced, mdesign):
+    folder = raced[0] / "run"
+    for verb in ("explain", "lint", "show"):
+        of_folder, of_file = (mdesign("fsm", verb, path) for path in (folder, folder / "fsm.txt"))
+        assert of_folder[0] == 0
+        assert of_folder[1].splitlines()[:1] == of_file[1].splitlines()[:1]
+    assert json.loads(mdesign("runs", "list", folder, "--json")[1])[0]["run"] == str(folder)
+
+
+def test_a_race_that_has_ended_is_watched_as_it_was(raced, mdesign):
+    _, _, err = mdesign("watch", raced[0] / "run", "--progress", "plain")
+    (first,) = [line for line in err.splitlines() if "iteration 1 ended" in line]
+    record = read(raced[0] / "run" / "journal.jsonl").record
+    incumbent = record.view.incumbents[0]
+    best = np.mean([*incumbent.scores.values()])
+    assert f"best {best:.4g} in the race ({len(incumbent.scores)} run" in first
+    assert f"testing, {len(record.tests)}/{len(record.tests)} experiments" in err
 
 
 def test_the_report_shows_the_trade_off(raced, mdesign):

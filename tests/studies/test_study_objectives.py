@@ -98,8 +98,8 @@ def test_page_tables_and_figures_show_them_apart(done):
     page = (done / "report.html").read_text()
     for name in NAMES:
         assert f"frugal, {name}: score" in page
-        assert f"{name}: relative rank among the designs of a mission" in page
-    assert "missions with one objective: relative rank among the designs of a mission" in page
+        assert f"{name}: relative rank (0: best)" in page
+    assert "missions with one objective: relative rank (0: best)" in page
     compared = pd.read_csv(done / "tables" / "comparisons.csv", keep_default_na=False)
     assert compared[["mission", "objective"]].to_numpy().tolist() == [
         *(["frugal", name] for name in NAMES),

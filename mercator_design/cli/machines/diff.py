@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mercator_design.command import FILE, LENIENT, PLUGIN_OPTION, beginning, load_given, print_result, read_controller
+from mercator_design.command import FSM, LENIENT, PLUGIN_OPTION, beginning, load_given, print_result, read_controller
 from mercator_design.errors import FsmError
 from mercator_design.software.architectures import architecture_of
 
@@ -16,8 +16,8 @@ _NO_EFFECT = {
 
 
 @click.command()
-@click.argument("one", type=FILE)
-@click.argument("other", type=FILE)
+@click.argument("one", type=FSM)
+@click.argument("other", type=FSM)
 @click.option(
     "--flavour",
     metavar="NAME|FILE.yaml",

@@ -6,12 +6,12 @@ import click
 
 from mercator_design.cli.machines.swarm import swarm_of
 from mercator_design.cli.terminal import terminal_width, wrapped
-from mercator_design.command import FILE, FLAVOUR, LENIENT, print_result, read_controller
+from mercator_design.command import FLAVOUR, FSM, LENIENT, print_result, read_controller
 from mercator_design.software.architectures import architecture_of
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FSM)
 @click.option(
     "--mission",
     help="Mission of the robots. YAML file or shipped name.  [default: the mission in FSM's header, if there is one]",

@@ -9,7 +9,7 @@ import click
 
 from mercator_design.cli.inputs import Given, ignore, simulator_of
 from mercator_design.cli.options import CONTROLLER, JSON, MISSION
-from mercator_design.command import FILE, print_result
+from mercator_design.command import FSM, print_result
 from mercator_design.errors import FsmError
 from mercator_design.sim.checks.lint import lint as findings_of
 from mercator_design.sim.robot_model import load_robot_model
@@ -17,7 +17,7 @@ from mercator_design.software.files import read_fsm
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FSM)
 @MISSION
 @CONTROLLER
 @JSON

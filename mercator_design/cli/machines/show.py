@@ -9,8 +9,8 @@ import click
 
 from mercator_design.cli.machines.swarm import swarm_of
 from mercator_design.command import (
-    FILE,
     FLAVOUR,
+    FSM,
     LENIENT,
     OUTPUT_FILE,
     lack_of_designer,
@@ -42,7 +42,7 @@ _SUFFIXES = {
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FSM)
 @click.option(
     "--format",
     "form",

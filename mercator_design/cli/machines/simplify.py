@@ -11,7 +11,7 @@ from mercator_design.cli.inputs import Given, simulator_of, warn_of_mission
 from mercator_design.cli.options import FLAVOUR, JOBS, MISSION, ROBOT_MODEL, SEED, SET
 from mercator_design.cli.terminal import Interrupt
 from mercator_design.command import (
-    FILE,
+    FSM,
     OUTPUT_FILE,
     NumberRange,
     print_message,
@@ -43,7 +43,7 @@ _OF_THE_ORIGINAL = {"score", "spread", "score in the race", "configuration"}
 
 
 @click.command()
-@click.argument("fsm", type=FILE)
+@click.argument("fsm", type=FSM)
 @click.option("-o", "--output", type=OUTPUT_FILE, required=True, help="File to write: fsm.yaml if it ends in .yaml.")
 @MISSION
 @click.option(

@@ -12,10 +12,10 @@ import yaml
 from mercator_design.api import SWEEP_RUNS, fresh_instances
 from mercator_design.cli.evaluate import controllers
 from mercator_design.cli.inputs import Given
-from mercator_design.cli.options import CONTROLLER, FOLDER, FSM, JSON, MISSION, PROGRESS, SEED
+from mercator_design.cli.options import CONTROLLER, FOLDER, JSON, MISSION, PROGRESS, SEED
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.terminal import Interrupt, command_line
-from mercator_design.command import print_note, print_result, warn
+from mercator_design.command import FSM, print_note, print_result, warn
 from mercator_design.errors import MercatorError, MissionError, printable_lines
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.results.analysis.settings import is_of_setting, settings_of

@@ -16,8 +16,8 @@ from mercator_design.cli.inputs import (
     warn_of_mission,
     warn_of_no_effect,
 )
-from mercator_design.cli.options import CONTROLLER, FSM, seed_of
-from mercator_design.command import print_message, read_controller, warn
+from mercator_design.cli.options import CONTROLLER, seed_of
+from mercator_design.command import FSM, print_message, read_controller, warn
 from mercator_design.missions.mission import load_mission
 from mercator_design.results.experiments.experiment import ShownExperiment
 from mercator_design.results.experiments.robot_logs import Pose, is_log, read_logs

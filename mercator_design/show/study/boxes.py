@@ -97,7 +97,9 @@ def charts_of_ranks(results: StudyResults) -> list[str]:
     return [
         interval_chart(
             [box(named(table, level), ranks, colours[level], possible) for level, ranks in by_level.items()],
-            Axis(f"{objective or ONE_OBJECTIVE}: {RANK}" if len(found) > 1 else RANK, low=0.0, high=1.0),
+            Axis(
+                f"{objective or ONE_OBJECTIVE}: relative rank (0: best)" if len(found) > 1 else RANK, low=0.0, high=1.0
+            ),
             _mark,
         )
         for objective, by_level in found.items()

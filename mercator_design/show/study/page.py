@@ -100,9 +100,13 @@ def _ranks(results: StudyResults) -> Html:
         "The rank of each design among all designs of its mission and setting: 0 is the best, 1 the worst, equal ones "
         f"have their mean. A design by hand that is compared at several budgets has the mean of its ranks. {BOXES}"
     )
-    drawn = [Html(f'<div class="narrow">{figure(chart, about)}</div>') for chart in charts]
+    drawn = [Html(f'<div class="narrow">{figure(chart, "")}</div>') for chart in charts]
     return section(
-        "ranks", "By ranks", *drawn, _listed([ranks_sentence(results.table, one) for one in results.findings.ranks])
+        "ranks",
+        "By ranks",
+        *drawn,
+        note(about),
+        _listed([ranks_sentence(results.table, one) for one in results.findings.ranks]),
     )
 
 

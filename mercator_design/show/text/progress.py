@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from datetime import timedelta
+from statistics import fmean, stdev
 from typing import Literal, NamedTuple, Protocol, Self, get_args
 
 from rich.console import Console
@@ -14,6 +15,7 @@ from rich.table import Column
 
 from mercator_design.command import print_message
 from mercator_design.errors import printable
+from mercator_design.race.elimination.summary import Elite
 from mercator_design.race.elimination.summary import Progress as RaceProgress
 from mercator_design.race.session.evaluation import Testing
 from mercator_design.race.session.events import Event, ExperimentDone, IterationEnded, TestDone
@@ -289,13 +291,16 @@ class RaceDisplay(Display):
                     self._show_race()
             case IterationEnded():
                 name = "final race" if event.postselection else f"iteration {event.iteration}"
-                text = f"{self._task.name}: {name} ended, {event.alive} alive{self._best_text(self._progress())}"
+                is_last = event is self._view.iterations[-1]
+                best = self._progress().best if is_last else self._best_of(event)
+                text = f"{self._task.name}: {name} ended, {event.alive} alive{self._best_text(best)}"
                 n_run = sum(one.used for one in self._view.iterations[: event.iteration])  # there may be more by now
                 self.line.conclude(self._state(text, n_run))
             case TestDone():
                 if not self._has_tested:
                     self._has_tested = True
-                    self.line.conclude(_State(printable(f"{self._task.name}: testing"), 1, self.n_tests, 0.0))
+                    n_done = len(self._view.tests)
+                    self.line.conclude(_State(printable(f"{self._task.name}: testing"), n_done, self.n_tests, 0.0))
                 if not self._is_silent():
                     self.show(len(self._view.tests), f"{self._task.name}: testing", self.n_tests)
 
@@ -310,11 +315,19 @@ class RaceDisplay(Display):
         planned = self._plan.iterations
         if now.iteration < now.iterations or now.iteration == now.iterations == planned:  # no further ones yet
             stage += f"/{now.iterations}"
-        text = f"{self._task.name}: {stage}, {now.alive} alive{self._best_text(now)}"
+        text = f"{self._task.name}: {stage}, {now.alive} alive{self._best_text(now.best)}"
         self.show(self._view.n_experiments, text, self._view.budget)
 
-    def _best_text(self, now: RaceProgress) -> str:
-        best = now.best
+    def _best_of(self, ended: IterationEnded) -> Elite | None:
+        """The best of an iteration before the last, with its results at that time."""
+        for one in self._view.incumbents:
+            if one.ended is ended and one.scores:
+                costs = [self._task.cost(score) for score in one.scores.values()]
+                sd = stdev(costs) if len(costs) > 1 else math.nan
+                return Elite(configuration=ended.elites[0], mean=fmean(costs), sd=sd, n_results=len(costs))
+        return None
+
+    def _best_text(self, best: Elite | None) -> str:
         if best is None:
             return ""
         sd = f", sd {best.sd:.3g}" if best.n_results > 1 else ""

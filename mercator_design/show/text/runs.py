@@ -10,12 +10,12 @@ from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
 from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import Record
-from mercator_design.results.files import TASKS, possible_scores, read_journal
+from mercator_design.results.files import TASKS, goal_of, possible_scores, read_journal
 from mercator_design.results.listing import COLUMNS, run_of, runs_of
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
 from mercator_design.show.text.iterations import best_line, iteration_notes, iterations_table
-from mercator_design.show.text.summary import test_lines, winner_lines
+from mercator_design.show.text.summary import test_lines, test_lines_by_each, winner_lines
 
 _DISPENSABLE = ("started", "seed", "name", "budget", "experiments", "flavour")
 
@@ -81,7 +81,7 @@ def run_summary(path: Path) -> str:
         columns, lack = _shown(path, record, run["winner"])
         tests = {number: Scores(scores, possible) for number, scores in view.test_scores().items()}
         lines += winner_lines(run["winner"], view, possible)
-        lines += test_lines(view, tests)
+        lines += test_lines_by_each(view, goal) if (goal := goal_of(record.start)) else test_lines(view, tests)
         lines += [""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
         lines += [f"Not shown: {message}" for message in lack]
@@ -142,6 +142,8 @@ def _cells(folder: Path, reading: Reading) -> dict[str, object]:
         "": str(folder),
         "name": start["name"],
         "task": start["task"],
+        "objectives": goal_of(start) or None,
+        "scores": "by the first of these" if goal_of(start) else None,
         "mission digest": start.get("mission_digest"),
         "robot model": start.get("robot_model"),
         "flavour": start.get("flavour"),
@@ -193,7 +195,8 @@ def save_races(path: Path, folders: Sequence[Path], *, command: str) -> None:
         "The best of each iteration in the race, on the instances that it had seen by then: one design of each race. "
         f"{printable(command)}"
     )
-    y = Axis(f"mean score, interval of {CONFIDENCE:.0%}")
+    of_first = " by the first objective" * any(goal_of(_begun(folder).record.start) for folder in folders)
+    y = Axis(f"mean score{of_first}, interval of {CONFIDENCE:.0%}")
     title = ", ".join(dict.fromkeys(names))
     save_curves(path, lines, Axis("budget used", "experiments"), y, title=title, caption=caption, groups=methods)
 

@@ -5,6 +5,8 @@ from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mercator_design.designer import Designer
 from mercator_design.errors import printable
 from mercator_design.fsm.pfsm import Pfsm
@@ -12,6 +14,7 @@ from mercator_design.modules.architecture import Software
 from mercator_design.modules.module import KnownSwarm
 from mercator_design.modules.words import with_parameters
 from mercator_design.plugins.loading import plugins
+from mercator_design.race.elimination.fronts import nondominated
 from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.record import Record
 from mercator_design.race.session.task import RaceResult, Task
@@ -170,6 +173,33 @@ def test_lines(view: RaceView, tests: Mapping[int, Scores]) -> list[str]:
     ]
     n = max(len(one.values) for one in tests.values())
     how = f"on {n} fresh instance{'s' * (n != 1)}, beyond the budget"
+    return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
+
+
+def test_lines_by_each(view: RaceView, goal: str) -> list[str]:
+    """As `test_lines`, by each of several objectives, with who is on the front; `goal` is that of the race's start."""
+    goals = goal.replace(" and ", ", ").split(", ")
+    tests: dict[int, list[tuple[float, ...]]] = {}
+    for one in view.tests.values():
+        if one.scores:
+            tests.setdefault(one.configuration, []).append(one.scores)
+    if not tests:
+        return []
+    found = {number: np.array(scores) for number, scores in tests.items()}
+    signs = [-1.0 if one.startswith("maximise") else 1.0 for one in goals]
+    is_on = dict(zip(found, nondominated(np.array([signs * one.mean(axis=0) for one in found.values()])), strict=True))
+    roles = _roles(view)
+    rows: list[tuple[object, ...]] = [("configuration", "", *goals, "")]
+    first: dict[bytes, int] = {}
+    for number in dict.fromkeys(one for one in [*roles, *found] if one in found):
+        scores = found[number]
+        errors = scores.std(axis=0, ddof=min(1, len(scores) - 1)) / np.sqrt(len(scores))
+        figures = (f"{mean:.4g} ± {error:.2g}" for mean, error in zip(scores.mean(axis=0), errors, strict=True))
+        same = first.setdefault(scores.tobytes(), number)
+        where = f"does the same as {same}" if same != number else "on the front" if is_on[number] else ""
+        rows.append((number, roles.get(number, ""), *figures, where))
+    n = max(map(len, tests.values()))
+    how = f"on {n} fresh instance{'s' * (n != 1)}, beyond the budget, mean ± standard error"
     return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
 
 

@@ -213,11 +213,12 @@ def _lock_cells(path: Path, part: Part | None, locks: contextlib.ExitStack) -> N
         _lock(path, _WHOLE, locks, fcntl.LOCK_EX)
         return
     _lock(path, _WHOLE, locks, fcntl.LOCK_SH)
+    _lock(path, f"part-{part.number}-of-{part.n_parts}", locks, fcntl.LOCK_EX)
     for file in (path / _LOCKS).glob("part-*-of-*"):
         if not file.name.endswith(f"-of-{part.n_parts}"):
-            with contextlib.ExitStack() as tried:  # of another number of parts, which shares cells with this one
-                _lock(path, file.name, tried, fcntl.LOCK_EX)
-    _lock(path, f"part-{part.number}-of-{part.n_parts}", locks, fcntl.LOCK_EX)
+            # Of another number of parts, which shares cells with this one. Other parts try it at the same time.
+            with contextlib.ExitStack() as tried:
+                _lock(path, file.name, tried, fcntl.LOCK_SH)
 
 
 def _wait_for_lock(path: Path, locks: contextlib.ExitStack) -> None:

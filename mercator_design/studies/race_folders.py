@@ -60,7 +60,8 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
 def table_of_races(name: str, folders: Sequence[Path], by: str) -> StudyTable:
     """The table of the winners of run folders.
 
-    Races that are equal in all factors are repetitions, numbered by their seeds.
+    Races that are equal in all factors are repetitions, numbered by their seeds among those of all races: two races of
+    equal seeds are a pair.
 
     Args:
         name: Of the study.
@@ -81,7 +82,8 @@ def table_of_races(name: str, folders: Sequence[Path], by: str) -> StudyTable:
                 "robot model, method, flavour, budget or seed, found the same: a design counts once"
             )
         cell[design.seed] = design
-    runs = pd.DataFrame([row for cell in cells.values() for row in _rows(cell)])
+    numbers = {seed: k for k, seed in enumerate(sorted({design.seed for design in designs}), start=1)}
+    runs = pd.DataFrame([row for cell in cells.values() for row in _rows(cell, numbers)])
     ranges = {
         (one.place["mission"], objective) if objective else one.place["mission"]: possible
         for one in designs
@@ -93,7 +95,7 @@ def table_of_races(name: str, folders: Sequence[Path], by: str) -> StudyTable:
         directions={place: "maximise" if one.maximise else "minimise" for place, one in ranges.items()},
         limits={place: _finite(one) for place, one in ranges.items()},
         by=by,
-        fronts=pd.DataFrame([row for cell in cells.values() for row in _front_rows(cell)]),
+        fronts=pd.DataFrame([row for cell in cells.values() for row in _front_rows(cell, numbers)]),
     )
     if not any(len(block.scores) > 1 for block in table.blocks()):
         same = ", ".join(name for name in ("mission", "robot_model", "method", "flavour", "budget") if name != by)
@@ -192,21 +194,19 @@ def _labelled(designs: Sequence[RaceDesign]) -> list[RaceDesign]:
     return [replace(one, place=named(one)) for one in designs]
 
 
-def _rows(cell: Mapping[int, RaceDesign]) -> Iterator[dict[str, Any]]:
-    for repetition, seed in enumerate(sorted(cell), start=1):
-        design = cell[seed]
-        start = {**design.place, "repetition": repetition, "seed": seed, "reality": DESIGN_MODEL}
+def _rows(cell: Mapping[int, RaceDesign], numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
+    for seed, design in sorted(cell.items()):
+        start = {**design.place, "repetition": numbers[seed], "seed": seed, "reality": DESIGN_MODEL}
         for instance, scores in next(iter(design.tests.values())).items():
             for objective, score in zip(design.possible, scores, strict=True):
                 yield {**start, "instance": instance, "objective": objective, "score": score}
 
 
-def _front_rows(cell: Mapping[int, RaceDesign]) -> Iterator[dict[str, Any]]:
+def _front_rows(cell: Mapping[int, RaceDesign], numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
     """Rows of the fronts of races by several objectives."""
-    for repetition, seed in enumerate(sorted(cell), start=1):
-        design = cell[seed]
+    for seed, design in sorted(cell.items()):
         if len(design.possible) > 1:
-            place = {**design.place, "repetition": repetition, "seed": seed, "reality": DESIGN_MODEL}
+            place = {**design.place, "repetition": numbers[seed], "seed": seed, "reality": DESIGN_MODEL}
             scores = {file: [*own.values()] for file, own in design.tests.items()}
             yield from front_rows(place, scores, {name: one.maximise for name, one in design.possible.items()})
 

@@ -8,6 +8,7 @@ import pytest
 
 from mercator_design.errors import StudyError
 from mercator_design.studies.race_folders import run_folders, table_of_races
+from mercator_design.studies.statistics.comparison import compared
 
 pytestmark = pytest.mark.together
 
@@ -16,12 +17,13 @@ RACE = ["race", "aggregation", "-j", "1", "--no-report", "--test-runs", "3", "--
 
 @pytest.fixture(scope="module")
 def races(tmp_path_factory, mdesign_once):
-    """Two races by each of two methods, one with another budget, one for another mission, one that was not tested."""
+    """Two races by each of two methods; with another seed, another budget, for another mission; one without tests."""
     folder = tmp_path_factory.mktemp("races")
     for method in ("random", "halving"):
         for seed in (1, 2):
             options = ["--budget", "20", "--method", method, "--seed", seed]
             mdesign_once(*RACE, *options, "-o", folder / "all" / f"{method}-{seed}")
+    mdesign_once(*RACE, "--budget", "20", "--method", "random", "--seed", 0, "-o", folder / "earlier")
     mdesign_once(*RACE, "--budget", "30", "--method", "random", "-o", folder / "longer")
     mdesign_once(*RACE, "--budget", "20", "--method", "random", "--set", "robots=2", "-o", folder / "other")
     mdesign_once(*RACE, "--budget", "20", "--method", "random", "--test-runs", "0", "-o", folder / "untested")
@@ -64,6 +66,14 @@ def test_budgets_are_compared_among_races_of_one_method(races):
     blocks = {block.setting: block for block in table.blocks()}
     assert [*blocks["random"].scores] == ["20", "30"]
     assert [*blocks["halving"].scores] == ["20"]
+
+
+def test_designs_of_equal_seeds_are_pairs_if_a_method_has_other_seeds_too(races):
+    table = table_of_races("x", [*run_folders([races / "all"]), races / "earlier"], "method")
+    (block,) = table.blocks()
+    paired = (block.scores["halving"] - block.scores["random"]).dropna()
+    assert [seed for _, seed in paired.index] == [1, 2]
+    assert compared(table).pairs[0].p_paired is not None
 
 
 def test_missions_of_one_name_are_told_apart(races):

@@ -1,5 +1,6 @@
 """mdesign study: cells, resuming, growing, refusals, parts."""
 
+import fcntl
 import json
 import shutil
 from pathlib import Path
@@ -253,7 +254,11 @@ def test_parts_share_a_study(done, tmp_path, mdesign):
     cells = [set(study.layout.part(number, 3)) for number in (1, 2, 3)]
     assert set.union(*cells) == set(study.layout.cells)
     assert sum(map(len, cells)) == 8
-    with StudyFolder.open(folder, study, Part(1, 3)):
+    (folder / "locks").mkdir(parents=True)
+    other = folder / "locks" / "part-1-of-2"
+    other.touch()
+    with StudyFolder.open(folder, study, Part(1, 3)), other.open() as tried:
+        fcntl.flock(tried, fcntl.LOCK_SH)  # as another part that looks whether one of two runs
         assert mdesign("study", plan, "-o", folder, "--part", "2/3")[0] == 0
         for part in ("1/3", "1/2"):
             assert "is working on this study" in refusal(mdesign, "study", plan, "-o", folder, "--part", part)

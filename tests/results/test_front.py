@@ -114,6 +114,12 @@ def test_verbs_of_machines_take_a_run_folder_for_its_winner(raced, mdesign):
     assert json.loads(mdesign("runs", "list", folder, "--json")[1])[0]["run"] == str(folder)
 
 
+def test_a_replay_says_what_its_score_is_by(raced, mdesign, tmp_path):
+    code, out, err = mdesign("replay", raced[0] / "run", "--mission", raced[0] / "two.yaml", "-o", tmp_path / "x.html")
+    assert code == 0
+    assert " by robots_in_zone" in out + err
+
+
 def test_a_race_that_has_ended_is_watched_as_it_was(raced, mdesign):
     _, _, err = mdesign("watch", raced[0] / "run", "--progress", "plain")
     (first,) = [line for line in err.splitlines() if "iteration 1 ended" in line]
@@ -127,6 +133,7 @@ def test_a_race_that_has_ended_is_watched_as_it_was(raced, mdesign):
 def test_the_report_shows_the_trade_off(raced, mdesign):
     assert mdesign("report", raced[0] / "run", "-j", 1)[0] == 0
     page = (raced[0] / "run" / "report.html").read_text()
+    assert "mdesign runs ablation" not in page  # is refused
     found = rows(raced[0] / "run")
     section = page[page.index('<section id="front">') :]
     for row in found:

@@ -57,7 +57,7 @@ def replay(
     longest = max(one.trace.cycles * one.trace.control_period for one in shown)
     if at is not None and at > longest:
         raise click.UsageError(f"--png: expected at most {longest:g} s, the end of the experiment, found {at:g} s")
-    score = "; ".join(f"{one.title}: score {one.score:g}" for one in shown if one.score is not None)
+    score = "; ".join(f"{one.title}: score {one.score:g}{_by(one)}" for one in shown if one.score is not None)
     if at is not None:
         path = FileOf(*figures.FORMATS).convert(output or "replay.png", None, None)
         with writing(path):
@@ -74,3 +74,9 @@ def replay(
     print_result(printable(f"{path}: {score}" if score else str(path)))
     if is_opened and at is None and video is None and not webbrowser.open(path.absolute().as_uri()):
         print_message(f"No browser was found; open {path} in one.")
+
+
+def _by(shown: ShownExperiment) -> str:
+    """What a score is by, if the mission has several objectives without weights."""
+    mission = shown.mission
+    return f" by {mission.objective_names[0]}" if mission is not None and mission.is_ranked_by_all else ""

@@ -57,7 +57,7 @@ def _dot(one: Importance) -> Dot:
 def _ablation(facts: Facts) -> Html:
     """The scores of the winner without its parts, if they were measured; else the command that measures them."""
     pfsm = None if facts.best is None or not facts.view.is_complete else facts.pfsm(facts.best)
-    if pfsm is None:
+    if pfsm is None or (facts.mission is not None and facts.mission.is_ranked_by_all):  # an ablation needs one cost
         return Html()
     verb = facts.command("runs", "ablation")
     rows = read_ablation(facts.folder / ABLATION, to_text(pfsm))

@@ -84,6 +84,11 @@ def test_an_address_at_which_nobody_answers(nobody):
         Waiting().address_of(nobody)
 
 
+def test_a_name_that_no_host_can_have():
+    with pytest.raises(RaceError, match=r"tcp://a\.\.b:8786: nobody answers .*: expected a Dask scheduler there"):
+        Waiting().address_of("tcp://a..b:8786")
+
+
 @pytest.mark.parametrize("text", ["{}", "[]", "scheduler", '{"addr'])
 def test_another_file(tmp_path, text):
     (tmp_path / "s.json").write_text(text)

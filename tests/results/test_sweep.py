@@ -251,7 +251,39 @@ def test_winners_of_a_study_are_curves_of_their_methods(fsm, tmp_path):
     assert "grid_exploration, other" in wrong.stderr
 
 
-@pytest.mark.parametrize("over", ["robots", "=1", "robots=", "robots=[", "robots=1,1", "robots=1,,2"])
+def test_designs_that_are_equal_are_not_run_again(fsm, tmp_path):
+    twin = tmp_path / "twin.txt"
+    twin.write_text(fsm.read_text())
+    out = tmp_path / "out"
+    given = (
+        fsm,
+        twin,
+        "--mission",
+        "grid_exploration",
+        "--set",
+        "duration=2",
+        "-o",
+        out,
+        "-n",
+        "1",
+        "--over",
+        "robots=1",
+    )
+    assert call(*given).exit_code == 0
+    table = pd.read_csv(out / "runs.csv")
+    assert len({*table["digest"]}) == 1
+    table.assign(score=123.5).to_csv(out / "runs.csv", index=False)
+    assert call(*given).exit_code == 0
+    assert pd.read_csv(out / "runs.csv")["score"].tolist() == [123.5, 123.5]  # was taken as it was
+
+
+@pytest.mark.parametrize(
+    "over",
+    [
+        *("robots", "=1", "robots=", "robots=[", "robots=1,1", "robots=1,,2"),
+        *("robots=2026-13-45", "duration=2026-01-01", "duration=1,.inf", "robots=!!binary aGVsbG8="),
+    ],
+)
 def test_wrong_values_are_wrong_usage(fsm, tmp_path, over):
     wrong = call(fsm, "--mission", "grid_exploration", "-o", tmp_path / "out", "--over", over)
     assert wrong.exit_code == 2

@@ -149,7 +149,8 @@ def _values(over: str) -> tuple[str, list[Any]]:
     key, equals, text = over.partition("=")
     try:
         values = yaml.safe_load(f"[{text}]")
-    except yaml.YAMLError:
+        json.dumps(values, allow_nan=False)  # as in the tables: no dates, no infinity
+    except (yaml.YAMLError, ValueError, TypeError):
         values = None
     if not equals or not key.strip() or not isinstance(values, list) or not values or None in values:
         raise click.BadParameter(f"expected KEY=VALUE,..., as in robots=5,10,20, found '{over}'", param_hint="'--over'")
@@ -188,9 +189,9 @@ def _known(file: Path) -> dict[tuple[str, int], tuple[float, ...]]:
     try:
         table = pd.read_csv(io.StringIO(small_text(file, _MAX_TABLE, MercatorError)), dtype={"digest": str})
         scored = table.dropna(subset=["score", "seed", "digest"])
-        runs: dict[tuple[str, int], tuple[float, ...]] = {}
-        for digest, seed, score in zip(scored["digest"], scored["seed"], scored["score"], strict=True):
-            runs[digest, int(seed)] = (*runs.get((digest, int(seed)), ()), float(score))
-        return runs  # noqa: TRY300 - what is read has been checked
+        runs: dict[tuple[Any, ...], tuple[float, ...]] = {}  # also by value and design: two may have one digest
+        for *place, score in scored[["value", "design", "digest", "seed", "score"]].itertuples(index=False):
+            runs[tuple(place)] = (*runs.get(tuple(place), ()), float(score))
+        return {(digest, int(seed)): scores for (_, _, digest, seed), scores in runs.items()}
     except (ValueError, KeyError) as error:
         raise MercatorError(f"{file}: expected a table of runs that `mdesign sweep` wrote, found {error}") from None

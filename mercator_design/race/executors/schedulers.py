@@ -83,6 +83,6 @@ def _refusal(address: str) -> str | None:
         return None
     try:
         socket.create_connection((found[1], int(found[2])), timeout=3.0).close()
-    except OSError as error:
-        return error.strerror or str(error)
+    except (OSError, UnicodeError) as error:  # the latter of a name that no host can have
+        return getattr(error, "strerror", None) or str(error)
     return None

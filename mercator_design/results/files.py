@@ -58,7 +58,7 @@ def restored(path: Path) -> Task[Any]:
         MissionError: if its mission, robot model or plugins cannot be read.
     """
     task, start = task_of(path), read_provenance(path).race
-    raced, now = _flat(start), _flat(task.start())
+    raced, now = flat(start), flat(task.start())
     for key in {**now, **raced}:
         # Another version may give the same results.
         if key != "mercator_design" and not is_same(now.get(key), raced.get(key)):
@@ -71,7 +71,7 @@ def restored(path: Path) -> Task[Any]:
     return task
 
 
-def _flat(start: Mapping[str, Any]) -> Mapping[str, Any]:
+def flat(start: Mapping[str, Any]) -> Mapping[str, Any]:
     """A start with a key for each option."""
     options = start.get("options")
     if not isinstance(options, Mapping):

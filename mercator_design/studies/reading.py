@@ -14,7 +14,7 @@ from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
 from mercator_design.studies.assessment import known_rows, n_missing, others_on_front, read_assessment
-from mercator_design.studies.folder import CELLS, StudyFacts, read_facts
+from mercator_design.studies.folder import CELLS, read_facts
 from mercator_design.studies.layout import Cell, StudyLayout
 from mercator_design.studies.statistics.fronts import front_rows
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
@@ -59,13 +59,13 @@ class StudyStatus:
         return sum(one.total for one in self.cells)
 
 
-def read_status(path: Path) -> StudyStatus:
-    """The state of a study, which other processes may be running.
+def read_status(path: Path, layout: StudyLayout | None = None) -> StudyStatus:
+    """The state of a study, which other processes may be running; perhaps that of another layout in its folder.
 
     Raises:
         StudyError: It is no study's folder, or something in it is damaged.
     """
-    return StudyReading(path).read()
+    return StudyReading(path).read(layout)
 
 
 class StudyReading:
@@ -77,23 +77,24 @@ class StudyReading:
         self._done: dict[Cell, CellStatus] = {}  # of this layout
         self._journals: dict[Cell, Reading] = {}
 
-    def read(self) -> StudyStatus:
-        """The state now.
+    def read(self, layout: StudyLayout | None = None) -> StudyStatus:
+        """The state now, by default of the layout in the folder.
 
         Raises:
             StudyError: as `read_status`.
         """
         facts = read_facts(self.path)
-        if facts.layout != self._layout:
-            self._layout, self._done = facts.layout, {}
-        cells = [self._done.get(cell) or self._status(facts, cell) for cell in facts.layout.cells]
+        layout = layout or facts.layout
+        if layout != self._layout:
+            self._layout, self._done = layout, {}
+        cells = [self._done.get(cell) or self._status(layout, cell) for cell in layout.cells]
         self._done = {one.cell: one for one in cells if one.state == "done"}
         return StudyStatus(name=facts.name, cells=tuple(cells))
 
-    def _status(self, facts: StudyFacts, cell: Cell) -> CellStatus:
+    def _status(self, layout: StudyLayout, cell: Cell) -> CellStatus:
         folder = self.path / CELLS / cell.path
         try:
-            return _status(folder, facts.layout, cell, self._journals)
+            return _status(folder, layout, cell, self._journals)
         except RaceError as error:
             raise StudyError(*error.messages) from None
 

@@ -17,7 +17,7 @@ from mercator_design.race.executors.executor import Executor
 from mercator_design.race.session.events import ExperimentDone
 from mercator_design.race.session.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.session.runner import RaceRun
-from mercator_design.results.files import read_provenance
+from mercator_design.results.files import flat, is_same, read_provenance
 from mercator_design.results.folder import RunFolder
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request
 from mercator_design.software.files import fsm_file_text, read_fsm
@@ -85,6 +85,7 @@ class StudyRun:
         self._on_failure: OnFailure = on_failure
         self._announce, self._watch, self._stopped = announce, watch, stopped
         self._prepared: set[tuple[str, str]] = set()
+        self._options: dict[tuple[str, str, int], dict[str, object]] = {}
         self._total = sum(self.layout.n_experiments(cell) for cell in self.cells)
         self._done = self._known = 0
 
@@ -178,6 +179,8 @@ class StudyRun:
     def _check(self, cell: Cell, path: Path, provenance: Provenance) -> None:
         """Check that a run folder has the race of a cell, whose parts have the definitions of the study.
 
+        Options that are not given are compared, too: another version may have other defaults.
+
         Raises:
             StudyError: It has another race.
         """
@@ -189,10 +192,13 @@ class StudyRun:
             "flavour": method.flavour,
             "method": method.given.race,
         }
+        if (kind := (cell.mission, cell.method, cell.budget)) not in self._options:
+            self._options[kind] = {"options": self.study.designer(cell).start()["options"]}
+        found = flat(provenance.race)
         wrong = [
-            f"{path}: {key}: expected {value}, as the study says, found a race with {provenance.race.get(key)}"
-            for key, value in expected.items()
-            if provenance.race.get(key) != value
+            f"{path}: {key}: expected {value}, as the study says, found a race with {found.get(key)}"
+            for key, value in {**expected, **flat(self._options[kind])}.items()
+            if not is_same(value, found.get(key))
         ]
         if provenance.budget not in {None, cell.budget}:
             wrong.append(f"{path}: budget: expected {cell.budget}, as the study says, found {provenance.budget}")

@@ -242,6 +242,16 @@ def test_a_cell_with_another_race_is_refused(copied, tmp_path, mdesign):
     assert f"{folder}: seed: expected 1" in refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
 
 
+def test_a_cell_that_was_raced_with_other_defaults_is_refused(copied, tmp_path, mdesign):
+    file = copied / "cells/near/random/40/1/provenance.json"
+    data = json.loads(file.read_text())
+    name, value = next((name, one) for name, one in data["race"]["options"].items() if name != "instances")
+    data["race"]["options"][name] = f"not {value}"
+    file.write_text(json.dumps(data))
+    err = refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
+    assert f"options.{name}: expected {value}, as the study says, found a race with not {value}" in err
+
+
 def test_two_processes_do_not_share_a_study(copied, tmp_path, mdesign):
     with StudyFolder.open(copied, resolve(load_plan(plan_file(tmp_path)))):
         assert "is working on this study" in refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
@@ -359,6 +369,11 @@ def test_a_dry_run_says_what_would_run(copied, tmp_path, mdesign):
     assert not (tmp_path / "new").exists()
     _, out, _ = mdesign("study", plan_file(tmp_path), "-o", copied, "--dry-run")
     assert "Left       0 experiments" in out
+    fewer = plan_file(
+        tmp_path,
+        PLAN.replace("runs: 3, realities: [mercator-pseudo-reality, ", "runs: 2, realities: [mercator-varied, "),
+    )
+    assert f"Left       {8 * 2} experiments" in mdesign("study", fewer, "-o", copied, "--dry-run")[1]
     assert "no difference at all: 2 designs of each method are too few for 2 tests" in out
     _, out, _ = mdesign("study", plan_file(tmp_path, PLAN.replace("repetitions: 2", "repetitions: 20")), "--dry-run")
     assert "standard deviations of a method's designs" in out

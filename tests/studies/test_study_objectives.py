@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mercator_design.cli.study.texts import estimate_text
 from mercator_design.config.checked_lines import from_line, to_line
 from mercator_design.errors import StudyError
 from mercator_design.missions.mission import load_mission
@@ -15,8 +16,11 @@ from mercator_design.seeds import instance_seed
 from mercator_design.sim.simulate import Simulator
 from mercator_design.software.files import read_fsm
 from mercator_design.studies.assessment import ASSESSMENT, read_assessment
+from mercator_design.studies.estimate import StudyEstimate
+from mercator_design.studies.folder import read_facts
 from mercator_design.studies.race_folders import run_folders, table_of_races
 from mercator_design.studies.reading import study_table
+from mercator_design.studies.statistics.comparison import compared
 from mercator_design.studies.statistics.fronts import HYPERVOLUME
 
 pytestmark = pytest.mark.together
@@ -158,6 +162,13 @@ def test_fronts_of_races_are_compared_by_their_hypervolume(raced):
         corners = [0.0, *sorted(shares[:, 0])]
         area = sum((x - before) * shares[shares[:, 0] >= x][:, 1].max() for before, x in itertools.pairwise(corners))
         assert block.scores[method].loc[repetition].item() == pytest.approx(area)
+
+
+def test_a_dry_run_counts_the_tests_of_fronts(raced):
+    layout = read_facts(raced).layout
+    text = estimate_text("x", layout, StudyEstimate(seconds={}, experiments={}, jobs=1), len(layout.cells))
+    n_tests = len(compared(study_table(raced)).pairs)
+    assert f"too few for {n_tests} tests" in text
 
 
 def test_hypervolumes_are_in_the_tables_and_explained_on_the_page(raced):

@@ -173,6 +173,7 @@ def run_study(
 def _dry_run(study: Study, path: Path, part: Part | None, jobs: int) -> str:
     layout = study.layout
     cells = layout.cells if part is None else layout.part(part.number, part.n_parts)
-    known = {one.cell: one for one in read_status(path).cells} if (path / FACTS).exists() else {}
-    left = {cell: layout.n_experiments(cell) - (known[cell].done if cell in known else 0) for cell in cells}
+    known = read_status(path, layout).cells if (path / FACTS).exists() else ()
+    left = {cell: layout.n_experiments(cell) for cell in cells}
+    left |= {one.cell: one.total - one.done for one in known if one.cell in left}
     return estimate_text(study.plan.name, layout, estimated(study, left, jobs, announce=print_note), len(cells))

@@ -107,8 +107,11 @@ def estimate_text(name: str, layout: StudyLayout, estimate: StudyEstimate, n_cel
 def _power(layout: StudyLayout) -> list[str]:
     """Which difference between two methods the study can see; nothing if it compares none."""
     raced = [layout.repetitions if n is None else n for n in layout.methods.values()]
-    n_tests = math.comb(len(raced), 2) * max(len(layout.budgets), 1)
-    n_tests *= sum(max(len(mission.objectives), 1) for mission in layout.missions.values())
+    n_pairs, of_fronts = math.comb(len(raced), 2), math.comb([*layout.methods.values()].count(None), 2)
+    n_tests = max(len(layout.budgets), 1) * sum(
+        n_pairs * len(mission.objectives) + of_fronts if mission.objectives else n_pairs
+        for mission in layout.missions.values()
+    )
     if not n_tests or min(raced) < MIN_DESIGNS:
         return []
     found = visible(min(raced), n_tests)

@@ -80,6 +80,19 @@ def test_three_levels_are_ranked_in_blocks_of_missions_and_repetitions():
     assert compared(study_table(run_rows(UP | SAME))).ranks == []
 
 
+def test_repetitions_that_all_levels_have_are_blocks():
+    """In each repetition c is better than b, and b than a; a lacks the first one and c the last one."""
+    rows = run_rows({("m", level): [10 * number + k for number in range(6)] for k, level in enumerate("abc")})
+    lacking = {("a", 1), ("c", 6)}
+    table = study_table([row for row in rows if (row["method"], row["repetition"]) not in lacking])
+    (found,) = compared(table).ranks
+    levels = dict(zip(found.levels, found.ranked.mean_ranks.tolist(), strict=True))
+    assert (found.ranked.n_blocks, levels) == (4, {"a": 3.0, "b": 2.0, "c": 1.0})
+    for row in rows:
+        row["repetition"] += 10 * (row["method"] == "a")
+    assert compared(study_table(rows)).ranks[0].ranked.n_blocks == 6  # none in common: in their order
+
+
 def test_budgets_are_ranked_apart():
     three = run_rows({("up", level): [k, k + 1] for k, level in enumerate("abc")})
     table = study_table(three + [{**row, "budget": 50} for row in three])

@@ -10,6 +10,7 @@ from itertools import combinations
 from typing import Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.stats import rankdata
 
 from mercator_design.arrays import Floats
@@ -177,14 +178,19 @@ def _pooled(pairs: Sequence[PairOnMission]) -> list[PairPooled]:
 
 
 def _ranks(levels: Sequence[str], blocks: Sequence[Block]) -> list[AllByRanks]:
-    """Friedman's tests of each setting: of repetitions on missions, and of the medians of missions."""
+    """Friedman's tests of each setting: of repetitions on missions, and of the medians of missions.
+
+    Repetitions are those that all levels have; if there are none, as of races with other seeds, designs in their order.
+    """
     whole = [block for block in blocks if len(block.scores) == len(levels)]
     found = []
     for setting in dict.fromkeys(block.setting for block in whole) if len(levels) > 2 else ():
         rows, medians = [], []
         for block in (one for one in whole if one.setting == setting):
             several = [block.values(level) for level in levels]
-            rows += [[values[k] for values in several] for k in range(min(map(len, several)))]
+            by_level = {level: block.sign * block.scores[level].droplevel("seed") for level in levels}
+            common = pd.DataFrame(by_level).dropna().to_numpy().tolist()
+            rows += common or [[*values] for values in zip(*several, strict=False)]
             medians.append([np.median(values) for values in several])
         for what, values in ((REPETITIONS, rows), (MEDIANS, medians)):
             if len(values) > 1:

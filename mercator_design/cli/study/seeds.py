@@ -16,6 +16,8 @@ from mercator_design.show.text.progress import Mode
 from mercator_design.studies.plan import Assessing, StudyMethod, StudyMission, StudyPlan
 
 _OF_ONE_RACE = ("seed", "resume", "test_elites", "test_iterations", "optuna", "json_lines", "no_comparison")
+_MAX_FIRST, _MAX_SEEDS = 2**31 - 10**6, 10_000
+"""Those of the file of a study."""
 
 
 class Seeds(NamedTuple):
@@ -32,9 +34,11 @@ class _Seeds(click.ParamType):  # type: ignore[type-arg]  # has no argument in c
         if isinstance(value, Seeds):
             return value
         first, _, last = str(value).partition("-")
-        if first.isdecimal() and last.isdecimal() and int(first) < int(last) < 2**31:
+        is_number = first.isdecimal() and last.isdecimal()
+        if is_number and int(first) <= _MAX_FIRST and 0 < int(last) - int(first) < _MAX_SEEDS:
             return Seeds(int(first), int(last))
-        raise click.BadParameter(f"expected A-B with A below B, as 1-20, found '{value}'", ctx, param)
+        what = f"A up to {_MAX_FIRST} below B, at most {_MAX_SEEDS} seeds"
+        raise click.BadParameter(f"expected A-B, as 1-20, with {what}, found '{value}'", ctx, param)
 
 
 SEEDS = click.option(

@@ -2,6 +2,7 @@
 
 import fcntl
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -491,7 +492,14 @@ def test_the_page_and_files_of_a_study(copied, mdesign):
     assert code == 0
     assert f"Report     {copied / 'report.html'}" in out
     assert len((copied / "tables/designs.csv").read_text().splitlines()) == 1 + 7 * 3
-    assert "mdesign study report" in (copied / "report.html").read_text()
+    page = (copied / "report.html").read_text()
+    assert "mdesign study report" in page
+    for fact in ("random, flavour watermelon, options instances=5", "aggregation as near, with duration=1, robots=2"):
+        assert f"<td>{fact}</td>" in page
+    linked = [link for link in re.findall(r'href="(.+?)"', page) if link[0] != "#"]
+    assert len(linked) == 7
+    assert all((copied / link).is_file() for link in linked)
+    assert "cells/near/random/40/1/fsm.txt" in linked
     shutil.rmtree(copied / "cells")
     assert "expected designs that are assessed, found none yet" in refusal(mdesign, "study", "report", copied)
     assert "not the folder of a study" in refusal(mdesign, "study", "report", copied.parent)

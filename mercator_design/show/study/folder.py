@@ -3,9 +3,11 @@
 from pathlib import Path
 
 from mercator_design.show.study.figures import save_figures
+from mercator_design.show.study.origin import what_was_run
 from mercator_design.show.study.page import study_page
 from mercator_design.show.study.tables import comparisons_csv, comparisons_latex, scores_latex, study_json
 from mercator_design.studies.analysis import StudyResults, analysed
+from mercator_design.studies.folder import FACTS
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 from mercator_design.system.files import write_text, writing
 
@@ -16,12 +18,12 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
     """Analyse a study and write its page, tables and figures to a folder, which is made.
 
     Args:
-        folder: The folder of the study.
+        folder: The folder of the study; or another one, whose page then has no plan.
         table: Its results.
         command: The command that makes the files, for the page.
 
     Raises:
-        MercatorError: A file cannot be written.
+        MercatorError: The study's plan is damaged, or a file cannot be written.
     """
     results = analysed(table)
     blocks = table.blocks(results.findings.reality)
@@ -33,7 +35,7 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
         f"{TABLES}/study.json": study_json(results),
         f"{TABLES}/scores.tex": scores_latex(table, blocks),
         f"{TABLES}/comparisons.tex": comparisons_latex(table, results.findings),
-        PAGE: study_page(results, command),
+        PAGE: study_page(results, command, what_was_run(folder) if (folder / FACTS).exists() else ""),
     }
     if len(table.fronts):
         texts[f"{TABLES}/fronts.csv"] = table.fronts.to_csv(index=False, lineterminator="\n")

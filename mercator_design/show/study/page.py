@@ -41,8 +41,8 @@ _FILES = (
 )
 
 
-def study_page(results: StudyResults, command: str) -> str:
-    """The page; `command` is what made it."""
+def study_page(results: StudyResults, command: str, what_was_run: str = "") -> str:
+    """The page; `command` is what made it, and `what_was_run` the section on its plan."""
     body = "".join(
         [
             _answer(results),
@@ -50,6 +50,7 @@ def study_page(results: StudyResults, command: str) -> str:
             _ranks(results),
             _comparisons(results),
             _gap(results),
+            what_was_run,
             _files(results, command),
         ]
     )

@@ -11,8 +11,8 @@ median at the largest budget, interpolated in the logarithm of the budget.
 
 Missions: four with Mercator as they are shipped; four of the literature and of this project, shorter or with fewer
 robots than shipped, as their names say; and six random ones: of each class of `mdesign missions sample` the first two
-seeds that give at most 6 robots, cut to 60 s, one for Watermelon and one for Chocolate. --missions takes other shipped
-missions as well, as `mdesign race` designs for them.
+seeds that give at most 6 robots, cut to 60 s, one for Watermelon and one for Chocolate. --missions takes the six of
+SWARMS as well, of 20 robots and cut to 30 s, and other shipped missions, as `mdesign race` designs for them.
 
 Results are kept in --cache, a line for each race; a run that was stopped goes on, and several processes may share the
 file. mission_quality.jsonl has those of docs/explanation/benchmarks.md. Methods: see race_results.py; METHOD@CODE is a
@@ -58,7 +58,9 @@ from mercator_design.studies.statistics.comparison import PairOnMission, compare
 from mercator_design.studies.statistics.rank_tests import van_elteren
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
-FRESH = 200
+FRESH = 300
+FRESH_BEFORE = 200
+"""Of the rows that do not tell their number."""
 RANDOM = 200
 HEADROOM = 0.05
 
@@ -103,6 +105,14 @@ MISSIONS: Mapping[str, Shipped | Sampled] = {
     "aggregation-xor 7": Sampled("aggregation-xor", 7, "chocolate"),
     "aggregation-xor 13": Sampled("aggregation-xor", 13, "watermelon"),
 }
+SWARMS: Mapping[str, Shipped] = {
+    "color_aggregation_20, 30 s": Shipped("color_aggregation_20", "watermelon", ("duration=30",)),
+    "aggregation_20, 30 s": Shipped("aggregation_20", "watermelon", ("duration=30",)),
+    "grid_exploration_20, 30 s": Shipped("grid_exploration_20", "watermelon", ("duration=30",)),
+    "aggregation_single_spot, 30 s": Shipped("aggregation_single_spot", "chocolate", ("duration=30",)),
+    "chocolate_aac, 30 s": Shipped("chocolate_aac", "chocolate", ("duration=30",)),
+    "chocolate_lcn, 30 s": Shipped("chocolate_lcn", "chocolate", ("duration=30",)),
+}
 
 
 class MissionProblem:
@@ -131,8 +141,14 @@ class MissionProblem:
         return {
             "score": float(np.mean(scores)),
             "error": float(np.std(scores, ddof=1)) / FRESH**0.5,
+            "runs": FRESH,
             "fsm": to_text(pfsm),
         }
+
+    def values(self, configurations: Sequence[Configuration], instances: Sequence[int]) -> np.ndarray:
+        """Mean scores on instances, by their seeds; of a minimised mission their negatives."""
+        sign = 1 if self.is_maximised else -1
+        return np.array([sign * np.mean([self._score(one, seed) for seed in instances]) for one in configurations])
 
     def fresh_scores(self, pfsm: Pfsm) -> np.ndarray:
         """The scores of a PFSM on the instances that no race has."""
@@ -150,8 +166,8 @@ class MissionProblem:
 
 @cache
 def problem(name: str) -> MissionProblem:
-    """The problem of MISSIONS or of a shipped mission; read once in a process."""
-    return MissionProblem(MISSIONS.get(name) or Shipped(name, "watermelon"))
+    """The problem of MISSIONS, of SWARMS or of a shipped mission; read once in a process."""
+    return MissionProblem({**MISSIONS, **SWARMS}.get(name) or Shipped(name, "watermelon"))
 
 
 def study_of(rows: Sequence[Row]) -> StudyTable:
@@ -167,7 +183,7 @@ def study_of(rows: Sequence[Row]) -> StudyTable:
         "reality": DESIGN_MODEL,
         "score": [row["score"] for row in rows],
         "error": [row["error"] for row in rows],
-        "runs": FRESH,
+        "runs": [row.get("runs", FRESH_BEFORE) for row in rows],
     }
     return StudyTable(
         name="mission quality",
@@ -350,7 +366,11 @@ def print_cost(names: Sequence[str]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--missions", nargs="+", choices=[*MISSIONS, *shipped.missions()], default=list(MISSIONS), metavar="NAME"
+        "--missions",
+        nargs="+",
+        choices=[*MISSIONS, *SWARMS, *shipped.missions()],
+        default=list(MISSIONS),
+        metavar="NAME",
     )
     parser.add_argument("--budgets", nargs="+", type=int, default=[500, 2000, 5000])
     parser.add_argument("--seeds", type=int, default=20)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import mission_quality, published_designs, race_results
+from benchmarks import mission_quality, published_designs, race_results, where_lost
 from benchmarks.race_results import Race, fingerprint, results
 from mercator_design.race import Space
 from mercator_design.race.space.parameter import real
@@ -54,6 +54,7 @@ def test_missions_load_and_are_of_many_kinds():
     assert {mission.objective.direction for mission, _ in loaded} == {"maximise", "minimise"}
     assert {3, 20} <= {mission.robots for mission, _ in loaded}
     assert len({mission.digest for mission, _ in loaded}) == len(loaded)
+    assert {one.load().robots for one in mission_quality.SWARMS.values()} == {20}
 
 
 @pytest.mark.thorough
@@ -161,3 +162,26 @@ def test_the_rows_that_are_kept_give_the_figures_of_the_documents(monkeypatch):
         table = text.partition(f"| budget {budget} | `irace` |")[2].partition("\n\n")[0]
         for mission, share in shares.items():
             assert re.search(rf"^\| {re.escape(mission)}.*\| {share:.2f} \(", table, re.MULTILINE), mission
+
+
+def test_where_races_lose(near, monkeypatch, capsys):
+    def values(self, configurations, instances):
+        return np.array([one["x"] for one in configurations])
+
+    monkeypatch.setattr(Near, "values", values, raising=False)
+    for module in (mission_quality, where_lost):
+        monkeypatch.setattr(module, "problem", Near)
+    missions = {"near": None}
+    monkeypatch.setattr(where_lost, "MISSIONS", missions)
+    monkeypatch.setattr(
+        sys, "argv", ["where_lost.py", "--missions", "near", "--budget", "60", "--seeds", "2", "--given"]
+    )
+    where_lost.main()
+    rows = [re.split(r" *\| *", line.strip("|")) for line in capsys.readouterr().out.splitlines()[5:]]
+    assert len(rows) == 2
+    for _, chosen, kept, sampled, _, _, others, given_kept, given_chosen in (
+        [cell.strip() for cell in row] for row in rows
+    ):
+        assert float(chosen) <= float(kept) <= float(sampled)  # without noise what is chosen again is the best
+        assert float(others) <= 1
+        assert (given_kept == "yes") == (float(given_chosen) == float(others))

@@ -375,7 +375,7 @@ def test_a_dry_run_says_what_would_run(copied, tmp_path, mdesign):
         PLAN.replace("runs: 3, realities: [mercator-pseudo-reality, ", "runs: 2, realities: [mercator-varied, "),
     )
     assert f"Left       {8 * 2} experiments" in mdesign("study", fewer, "-o", copied, "--dry-run")[1]
-    assert "no difference at all: 2 designs of each method are too few for 2 tests" in out
+    assert "no difference on a single mission: 2 designs of each method are too few for 2 tests" in out
     _, out, _ = mdesign("study", plan_file(tmp_path, PLAN.replace("repetitions: 2", "repetitions: 20")), "--dry-run")
     assert "standard deviations of a method's designs" in out
 

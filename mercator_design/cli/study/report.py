@@ -10,7 +10,7 @@ from mercator_design.cli.terminal import terminal_width, wrapped
 from mercator_design.command import print_note, print_result
 from mercator_design.show.study.folder import FIGURES, PAGE, TABLES, write_study
 from mercator_design.show.study.verdicts import headlines
-from mercator_design.studies.reading import study_table
+from mercator_design.studies.reading import read_status, study_table
 
 
 @click.command()
@@ -30,9 +30,11 @@ def write_results(folder: Path) -> None:
         StudyError: No design is assessed.
         MercatorError: A file cannot be written.
     """
-    table = study_table(folder)
+    table, status = study_table(folder), read_status(folder)
     print_note("Report: comparing designs, and drawing the figures ...")
     results = write_study(folder, table, shlex.join(["mdesign", "study", "report", str(folder)]))
+    if not status.is_done:
+        print_result(f"Unfinished: of {status.counts['done']} of {len(status.cells)} designs.")
     for sentence in headlines(results):
         print_result(wrapped(sentence, terminal_width()))
     for name, path in (("Report", PAGE), ("Tables", TABLES), ("Figures", FIGURES)):

@@ -126,6 +126,12 @@ def checked_study(plan: StudyPlan) -> Study:
             f"{plan.where('repetitions')}: one design of each method on a mission gives no statistics: there is no "
             "spread between designs; expected 2 or more, in publications 10 or 20"
         )
+    for name, method in study.methods.items():
+        if 0 < len(method.made) < MIN_DESIGNS and len(study.methods) > 1:
+            warn(
+                f"{plan.where(f'methods.{name}')}: one design is drawn, but not tested, as the unit is the design; "
+                "expected 2 files or more for a comparison"
+            )
     return study
 
 

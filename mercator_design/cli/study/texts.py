@@ -10,7 +10,7 @@ from mercator_design.studies.layout import Cell, StudyLayout
 from mercator_design.studies.reading import State, StudyStatus
 from mercator_design.studies.running import StudyProgress
 from mercator_design.studies.statistics.comparison import MIN_DESIGNS
-from mercator_design.studies.statistics.power import POWER, visible
+from mercator_design.studies.statistics.power import POWER, designs_needed, visible
 
 _MIN_SECONDS, _MIN_EXPERIMENTS = 2.0, 10
 """The least base of a rate."""
@@ -115,14 +115,19 @@ def _power(layout: StudyLayout) -> list[str]:
     if not n_tests or min(raced) < MIN_DESIGNS:
         return []
     found = visible(min(raced), n_tests)
+    pooled = ["           the test of all missions together sees smaller ones that they share"] * (
+        len(layout.missions) > 1
+    )
     if math.isinf(found.shift):
         return [
-            f"Sees       no difference at all: {min(raced)} designs of each method are too few for {n_tests} "
-            f"{'test' if n_tests == 1 else 'tests'} at 5 %"
+            f"Sees       no difference on a single mission: {min(raced)} designs of each method are too few for "
+            f"{n_tests} {'test' if n_tests == 1 else 'tests'} at 5 %; {designs_needed(n_tests)} are needed",
+            *pooled,
         ]
     return [
         f"Sees       a difference of {found.shift:.2g} standard deviations of a method's designs (the better method's "
         f"design is better in {100 * found.a_measure:.0f} %",
         f"           of the pairs) with probability {POWER:g}, at 5 % with Holm's correction for {n_tests} "
-        f"{'test' if n_tests == 1 else 'tests'}",
+        f"{'test' if n_tests == 1 else 'tests'} on single missions",
+        *pooled,
     ]

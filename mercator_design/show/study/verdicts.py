@@ -7,7 +7,13 @@ from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.show.charts import number
 from mercator_design.show.report.markup import p_text
 from mercator_design.studies.analysis import StudyResults
-from mercator_design.studies.statistics.comparison import REPETITIONS, AllByRanks, Findings, PairOnMission, PairPooled
+from mercator_design.studies.statistics.comparison import (
+    REPETITIONS,
+    AllByRanks,
+    Findings,
+    PairOnMission,
+    PairPooled,
+)
 from mercator_design.studies.statistics.effects import Effect, mirrored
 from mercator_design.studies.statistics.fronts import BEYOND, HYPERVOLUME
 from mercator_design.studies.statistics.power import MAX_SOUGHT, POWER, designs_needed
@@ -65,8 +71,13 @@ def front_sentences(table: StudyTable) -> Iterator[str]:
 def power_sentence(findings: Findings) -> str:
     """What the numbers of designs can show; a sentence for each number, if pairs have different ones."""
     tests = len(findings.pairs)
+    if len(findings.levels) == 1:
+        return f"All designs are of {findings.levels[0]}: nothing is compared."
     if not tests:
-        return "There are too few designs to compare: at least two of each are needed, made with other seeds."
+        return (
+            "There are too few designs to compare: at least two of each are needed, by races with different seeds or "
+            "in files of their own."
+        )
     level = f"at {ALPHA:.0%}" + (f" after Holm's correction for {tests} tests" if tests > 1 else "")
     said = []
     for n, found in findings.visible.items():
@@ -74,13 +85,16 @@ def power_sentence(findings: Findings) -> str:
             needed = designs_needed(tests)
             more = f"at least {needed} of each are needed" if needed <= MAX_SOUGHT else "compare less at a time"
             said.append(
-                f"{n} designs of each are too few: no difference, however large, can be significant {level}; {more}."
+                f"On a single mission, {n} designs of each are too few: no difference, however large, can be "
+                f"significant {level}; {more}."
             )
         else:
             said.append(
-                f"{n} designs of each show a difference of {found.shift:.2g} standard deviations between designs (A = "
-                f"{found.a_measure:.2f}) with probability {POWER:.0%}, {level}."
+                f"On a single mission, {n} designs of each show a difference of {found.shift:.2g} standard deviations "
+                f"between designs (A = {found.a_measure:.2f}) with probability {POWER:.0%}, {level}."
             )
+    if findings.pooled:
+        said.append("Van Elteren's test of all missions together shows smaller ones that missions have in common.")
     said.append("Smaller differences may exist, and often go unseen: not distinguishable does not mean equal.")
     return " ".join(said)
 
@@ -156,24 +170,29 @@ def order_sentences(table: StudyTable, orders: Sequence[Order]) -> Iterator[str]
             first, second = second, first
         if order.change != "kept":
             groups.setdefault((first, second, order.reality), []).append(order)
-    for (first, second, reality), found in groups.items():
-        sure = [order.model.block.name for order in found if order.change == "inverted"]
-        perhaps = [order.model.block.name for order in found if order.change != "inverted"]
-        on = [f"significantly on {'; '.join(sure)}"] * bool(sure)
-        on += [f"but not significantly in both on {'; '.join(perhaps)}"] * bool(perhaps)
-        yield (
-            f"{'Rank inversion' if sure else 'Perhaps a rank inversion'}: {named(table, first)} is better than "
-            f"{named(table, second)} in the design model, and worse in {reality}, {', '.join(on)}."
-        )
     if orders and not any(order.change == "inverted" for order in orders):
         n = f"{len(orders)} comparison{'s' * (len(orders) != 1)}"
         yield f"No rank inversion is significant in {n} of two {_plural(table.by)} in two realities."
+    for (first, second, reality), found in groups.items():
+        sure = [order.model.block.name for order in found if order.change == "inverted"]
+        perhaps = [order.model.block.name for order in found if order.change != "inverted"]
+        what = (
+            f"{named(table, first)} is better than {named(table, second)} in the design model, and worse in {reality}"
+        )
+        if sure:
+            yield f"Rank inversion: {what}, significantly on {'; '.join(sure)}."
+        if perhaps:
+            yield f"Seen, but not significant in both: {what}, on {'; '.join(perhaps)}."
 
 
 def drop_sentence(table: StudyTable, drop: Drop) -> str:
     """What the designs of a level lose in another reality."""
     word = "loss" if drop.median >= 0 else "gain"
-    relative = f" ({abs(drop.median / drop.model):.0%} of their median score)" if drop.model else ""
+    share = f"{abs(drop.median / drop.model):.0%} of" if drop.model else ""
+    relative = f" ({share} their median score)" * bool(share)
+    if len(drop.losses) == 1:
+        lost = number(abs(drop.median)) + f" ({share} its score)" * bool(share)
+        return f"{drop.block}: in {drop.reality}, the {word} of the one design of {named(table, drop.level)} is {lost}."
     return (
         f"{drop.block}: in {drop.reality}, the median {word} of a design of {named(table, drop.level)} is "
         f"{number(abs(drop.median))}{relative}; {p_text(drop.p_value)}."
@@ -194,15 +213,34 @@ def correlation_sentence(correlations: Sequence[Correlation], reality: str) -> s
     return f"The order of designs in the design model and in {reality} correlates with {spread} (Spearman's rho)."
 
 
+def single_sentences(table: StudyTable) -> Iterator[str]:
+    """Which of several levels have one design on each mission: they are drawn, and not tested."""
+    blocks = table.blocks()
+    for level in table.levels if len(table.levels) > 1 else ():
+        if max(len(block.scores.get(level, ())) for block in blocks) == 1:
+            yield f"{named(table, level)} has one design: it is drawn, but not tested, as the unit is the design."
+
+
+def score_sentences(table: StudyTable) -> Iterator[str]:
+    """The scores of the designs of each level in the design model, where there is no other to compare with."""
+    for block in table.blocks() if len(table.levels) == 1 else ():
+        for level, scores in block.scores.items():
+            low, middle, high = (number(float(one)) for one in scores.quantile([0.25, 0.5, 0.75]))
+            of = f"{len(scores)} design{'s' * (len(scores) != 1)}"
+            yield f"{block.name}: {named(table, level)} has a median score of {middle} ({low} to {high}), of {of}."
+
+
 def headlines(results: StudyResults) -> Iterator[str]:
     """The answer of a study in few sentences."""
     table, findings = results.table, results.findings
+    yield from score_sentences(table)
     if findings.pooled or findings.ranks:
         yield from (ranks_sentence(table, one) for one in findings.ranks if one.what == REPETITIONS)
         yield from (pooled_sentence(table, one) for one in findings.pooled)
     else:
         yield from (pair_sentence(table, one) for one in findings.pairs)
     yield from order_sentences(table, results.gap.orders)
+    yield from single_sentences(table)
 
 
 def all_sentences(results: StudyResults) -> Iterator[str]:

@@ -98,12 +98,14 @@ class AllByRanks(NamedTuple):
 class Findings:
     """What a study shows in a reality.
 
-    alone: Names of blocks in which fewer than two levels have designs enough.
+    levels: What is compared.
+    alone: Names of blocks in which fewer than two of several levels have designs enough.
     visible: What a number of designs of each of a pair can show, with Holm's correction: for the smaller number of
         each pair.
     """
 
     reality: str
+    levels: Sequence[str]
     pairs: Sequence[PairOnMission]
     pooled: Sequence[PairPooled]
     ranks: Sequence[AllByRanks]
@@ -135,10 +137,11 @@ def compared(table: StudyTable, reality: str = DESIGN_MODEL) -> Findings:
     compared_blocks = {k for k, _, _ in known}
     return Findings(
         reality=reality,
+        levels=table.levels,
         pairs=pairs,
         pooled=_pooled(pairs),
         ranks=_ranks(table.levels, blocks),
-        alone=[block.name for k, block in enumerate(blocks) if k not in compared_blocks],
+        alone=[block.name for k, block in enumerate(blocks) if k not in compared_blocks and len(table.levels) > 1],
         visible={n: visible(n, len(pairs)) for n in sizes},
     )
 

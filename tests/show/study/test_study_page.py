@@ -15,6 +15,7 @@ from mercator_design.show.study.folder import write_study
 from mercator_design.show.study.tables import latex
 from mercator_design.show.study.verdicts import (
     correlation_sentence,
+    drop_sentence,
     headlines,
     order_sentences,
     pair_sentence,
@@ -71,7 +72,24 @@ def test_what_the_number_of_designs_can_show_is_said():
     few = power_sentence(of({("up", "a"): GOOD[:3], ("up", "b"): BAD[:3]}).findings)
     assert "3 designs of each are too few" in few
     assert "at least 4 of each are needed" in few
+    assert "together" not in few
+    assert "missions together shows smaller ones" in power_sentence(of(TWO).findings)
     assert "too few designs to compare" in power_sentence(of({("up", "a"): [1], ("up", "b"): [2]}).findings)
+
+
+def test_what_cannot_be_compared_is_said():
+    one = of({("up", "a"): GOOD})
+    assert [*headlines(one)] == ["up: a has a median score of 7 (6 to 8), of 5 designs."]
+    assert power_sentence(one.findings) == "All designs are of a: nothing is compared."
+    lone = of({("up", "a"): GOOD, ("up", "b"): BAD, ("up", "hand"): [3]})
+    assert [*headlines(lone)][-1].startswith("hand has one design: it is drawn, but not tested")
+
+
+def test_the_loss_of_one_design_has_no_test():
+    rows = run_rows({("up", "a"): [5]}) + run_rows({("up", "a"): [4]}, reality="x")
+    found = analysed(study_table(rows))
+    said = drop_sentence(found.table, found.gap.drops[0])
+    assert said == "up: in x, the loss of the one design of a is 1 (20% of its score)."
 
 
 def test_the_unit_is_said():
@@ -92,6 +110,13 @@ def test_rank_inversions_are_said():
     said = [*order_sentences(results.table, results.gap.orders)]
     assert said == [
         "Rank inversion: a is better than b in the design model, and worse in field, significantly on up.",
+    ]
+    little = {("up", "a"): GOOD[:3], ("up", "b"): BAD[:3]}
+    there = {("up", "a"): BAD[:3], ("up", "b"): GOOD[:3]}
+    results = analysed(study_table(run_rows(little) + run_rows(there, reality="field")))
+    assert [*order_sentences(results.table, results.gap.orders)] == [
+        "No rank inversion is significant in 1 comparison of two methods in two realities.",
+        "Seen, but not significant in both: a is better than b in the design model, and worse in field, on up.",
     ]
     kept = analysed(study_table(run_rows(TWO) + run_rows(TWO, reality="field")))
     assert [*order_sentences(kept.table, kept.gap.orders)] == [
@@ -237,7 +262,8 @@ def test_the_same_study_gives_the_same_files(folder, tmp_path):
 def test_a_study_of_one_method_has_a_page_and_says_that_nothing_is_compared(tmp_path):
     write_study(tmp_path, study_table(run_rows({("m", "a"): [1, 2]})), "mdesign study report x")
     page = (tmp_path / "report.html").read_text()
-    assert "There are too few designs to compare" in page
+    assert "All designs are of a: nothing is compared." in page
+    assert "Not compared" not in page
     assert '<section id="comparisons">' not in page
 
 

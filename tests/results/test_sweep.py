@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import mercator_design as md
+from mercator_design.cli.races.sweep import curve_names
 from mercator_design.cli.races.sweep import sweep as verb
 from mercator_design.config.writing import plain
 from mercator_design.errors import MissionError, SimulationError
@@ -249,6 +251,49 @@ def test_winners_of_a_study_are_curves_of_their_methods(fsm, tmp_path):
     wrong = call(tmp_path / "study", "-o", tmp_path / "out", "--over", "robots=1")
     assert wrong.exit_code == 2
     assert "grid_exploration, other" in wrong.stderr
+
+
+def test_winners_of_several_budgets_are_curves_of_their_own(fsm, tmp_path):
+    study = tmp_path / "study"
+    for cell in ("a/100/1", "a/200/1", "a/200/2", "b/200/1"):
+        (study / "cells" / "grid_exploration" / cell).mkdir(parents=True)
+        (study / "cells" / "grid_exploration" / cell / "fsm.txt").write_text(fsm.read_text())
+    given = ("--mission", "grid_exploration", "--set", "duration=2", "-o", tmp_path / "out", "-n", "1", "-q")
+    assert call(study, fsm, *given, "--over", "robots=1").exit_code == 0
+    curves = pd.read_csv(tmp_path / "out" / "curves.csv")
+    found = curves[["method", "designs"]].to_numpy().tolist()
+    assert found == [["a/100", 1], ["a/200", 2], ["b", 1], ["walk", 1]]
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (("x/agg/halving/200/1/fsm.txt", "x/agg/irace/200/1/fsm.txt"), ("halving/200/1", "irace/200/1")),
+        (("a/1/fsm.txt", "b/1/fsm.txt", "a/2/fsm.txt"), ("a/1", "b/1", "2")),
+        (("1/fsm.txt", "x/1/fsm.txt"), ("1", "x/1")),
+        (("x/a.txt", "x/a.yaml", "x/a/fsm.txt"), ("a.txt", "a.yaml", "a")),
+        (("/x/walk.txt", "/y/walk.txt", "fsm.txt"), ("x/walk", "y/walk", "fsm")),
+    ],
+)
+def test_curves_have_the_shortest_names_that_differ(files, names):
+    assert tuple(curve_names([*map(Path, files)], {}).values()) == names
+
+
+def test_methods_of_two_studies_are_not_one_curve():
+    winners = {Path(f"{study}/cells/m/irace/200/1/fsm.txt"): Path(study, "irace") for study in ("one", "two")}
+    files = [*winners, Path("irace.txt")]
+    assert [*curve_names(files, winners).values()] == ["one/irace", "two/irace", "irace"]
+
+
+def test_designs_of_folders_of_one_name_are_two_curves(tmp_path):
+    folders = [tmp_path / method / "200" / "1" for method in ("halving", "irace")]
+    for folder, wheels in zip(folders, (5, 50), strict=True):
+        folder.mkdir(parents=True)
+        (folder / "fsm.txt").write_text(f"--nstates 1 --s0 0 --rwm0 {wheels}\n")
+    given = ("--mission", "grid_exploration", "--set", "duration=2", "-o", tmp_path / "out", "-n", "2", "-q")
+    assert call(*folders, *given, "--over", "robots=1").exit_code == 0
+    curves = pd.read_csv(tmp_path / "out" / "curves.csv")
+    assert curves[["method", "designs"]].to_numpy().tolist() == [["halving/200/1", 1], ["irace/200/1", 1]]
 
 
 def test_designs_that_are_equal_are_not_run_again(fsm, tmp_path):

@@ -2,7 +2,8 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -81,7 +82,8 @@ def sweep(
     """Measure designs while a setting of their mission or robots varies: scalability, flexibility, robustness.
 
     FSM may also be a run folder, whose winner is measured, or the folder of a study: then the designs of each method
-    are one curve, with the interval of their means. Else each FSM is a curve, with the interval over instances.
+    (and budget, if it has several) are one curve, with the interval of their means. Else each FSM is a curve, with the
+    interval over instances. Curves have the shortest names that differ.
 
     Written to the folder: runs.csv (a row for each run), curves.csv, sweep.json, and curves.png and curves.pdf in the
     width of a column. Where a value is impossible, for example because the robots do not fit, there is a hole in the
@@ -95,8 +97,12 @@ def sweep(
     files = [file for path in fsm for file in ([*folders[path]] if path in folders else [path])]
     own = {**given, "overrides": tuple(one for one in given["overrides"] if not is_of_setting(one))}
     software, simulator = controllers(files, None, flavour, own, lenient=lenient, quiet=False)  # type: ignore[arg-type]
-    methods = {str(file): method for found in folders.values() for file, method in found.items()}
-    designs = [SweptDesign(name, one, methods.get(name, _short(name))) for name, one in software.items()]
+    winners = {file: curve for found in folders.values() for file, curve in found.items()}
+    curves = curve_names([*dict.fromkeys(files)], winners)
+    designs = [
+        SweptDesign(name, one, curves[name if name in curves else name.rpartition(":")[0]])  # or lines of a file
+        for name, one in software.items()
+    ]
     others = [one for one in given["overrides"] if is_of_setting(one)]
     executor = executor_of(executor_name, jobs, scheduler, timeout)
     simulator.rehearse(announce=print_note, flavour=designs[0].software.flavour if designs else DEFAULT_FLAVOUR)
@@ -159,8 +165,11 @@ def _values(over: str) -> tuple[str, list[Any]]:
     return key.strip(), values
 
 
-def _winners(path: Path, mission: str | None) -> dict[Path, str]:
-    """The winners of a study for a mission, each with its method; none if the folder is not a study's."""
+def _winners(path: Path, mission: str | None) -> dict[Path, Path]:
+    """The winners of a study for a mission, each with its curve: STUDY/METHOD, or STUDY/METHOD/BUDGET of several.
+
+    There are none if the folder is not a study's.
+    """
     cells = path / _CELLS
     if not cells.is_dir():
         return {}
@@ -169,13 +178,34 @@ def _winners(path: Path, mission: str | None) -> dict[Path, str]:
     if wanted not in missions:
         found = ", ".join(missions) or "none"
         raise click.UsageError(f"{path}: a study of several missions; give --mission, one of: {found}")
-    return {file: file.parents[2].name for file in sorted((cells / wanted).glob(f"*/*/*/{_WINNER}"))}
+    files = sorted((cells / wanted).glob(f"*/*/*/{_WINNER}"))
+    budgets = Counter(budget.parent for budget in {file.parents[1] for file in files})
+    return {
+        file: path / file.parents[1 if budgets[file.parents[2]] > 1 else 2].relative_to(cells / wanted)
+        for file in files
+    }
 
 
-def _short(name: str) -> str:
-    """A design in the legend: the file without its suffix, of a run folder the folder."""
-    path = Path(name)
-    return path.parent.name if path.name == _WINNER and path.parent.name else path.stem
+def curve_names(files: Sequence[Path], winners: Mapping[Path, Path]) -> dict[str, str]:
+    """The name of each file's curve: the shortest end of its path that no other curve has.
+
+    Args:
+        files: Of designs. The path of the curve of a run folder is the folder, of another file the file without suffix.
+        winners: Those of studies, with the paths of their curves, which several share.
+    """
+    bare = {one: one.parent if one.name == _WINNER and one.parent.name else one.with_suffix("") for one in files}
+    bare |= winners
+    owners = Counter(path for one, path in bare.items() if one not in winners) + Counter({*winners.values()})
+    paths = {
+        one: one if owners[path] > 1 and one not in winners and path != one.parent else path
+        for one, path in bare.items()
+    }
+    ends = {path: [str(Path(*path.parts[-n:])) for n in range(1, len(path.parts) + 1)] for path in paths.values()}
+    for path in ends:
+        if path in winners.values() and path.name.isdecimal():
+            ends[path] = ends[path][1:]  # a budget stays with its method
+    shared = Counter(end for several in ends.values() for end in several)
+    return {str(one): next((end for end in ends[path] if shared[end] == 1), str(path)) for one, path in paths.items()}
 
 
 def _known(file: Path) -> dict[tuple[str, int], tuple[float, ...]]:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import mercator_design as md
 from mercator_design.cli.races.sweep import curve_names
 from mercator_design.cli.races.sweep import sweep as verb
-from mercator_design.config.writing import plain
+from mercator_design.config.writing import dump, plain
 from mercator_design.errors import MissionError, SimulationError
 from mercator_design.fsm import parse
 from mercator_design.race.executors.threads import ThreadExecutor
@@ -294,6 +294,32 @@ def test_designs_of_folders_of_one_name_are_two_curves(tmp_path):
     assert call(*folders, *given, "--over", "robots=1").exit_code == 0
     curves = pd.read_csv(tmp_path / "out" / "curves.csv")
     assert curves[["method", "designs"]].to_numpy().tolist() == [["halving/200/1", 1], ["irace/200/1", 1]]
+
+
+@pytest.mark.parametrize("given", [("--mission", "agg"), ()])
+def test_a_mission_of_a_study_is_known_by_its_name_there(fsm, tmp_path, given):
+    cells = tmp_path / "study" / "cells" / "agg"
+    for cell in ("a/100/1", "hand/0/1"):  # a hand-made design has no mission beside it
+        (cells / cell).mkdir(parents=True)
+        (cells / cell / "fsm.txt").write_text(fsm.read_text())
+    raced = md.load_mission("aggregation", ["duration=3", "robots=2"])
+    (cells / "a/100/1/mission.yaml").write_text(dump(raced))
+    shown = call(tmp_path / "study", *given, "-o", tmp_path / "out", "-n", "1", "-q", "--over", "duration=2,3")
+    assert shown.exit_code == 0, shown.output
+    scores = pd.read_csv(tmp_path / "out" / "runs.csv").query("value == 3 and method == 'a'")
+    assert scores["score"].item() == Simulator(raced).run(WALK, int(scores["seed"].item())).score
+    (tmp_path / "study" / "cells" / "stop").mkdir()
+    wrong = call(tmp_path / "study", "--mission", "foraging", "-o", tmp_path / "out", "--over", "robots=1")
+    assert wrong.exit_code == 2
+    assert "one of: agg, stop" in wrong.stderr
+    other = tmp_path / "other" / "cells" / "agg" / "a" / "100" / "1"
+    other.mkdir(parents=True)
+    (other / "fsm.txt").write_text(fsm.read_text())
+    (other / "mission.yaml").write_text(dump(md.load_mission("aggregation")))
+    both = (tmp_path / "study", tmp_path / "other")
+    wrong = call(*both, "--mission", "agg", "-o", tmp_path / "out", "--over", "robots=1")
+    assert wrong.exit_code == 2
+    assert "another mission agg" in wrong.stderr
 
 
 def test_designs_that_are_equal_are_not_run_again(fsm, tmp_path):

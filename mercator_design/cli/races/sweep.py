@@ -17,16 +17,19 @@ from mercator_design.cli.options import CONTROLLER, FOLDER, JSON, MISSION, PROGR
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.terminal import Interrupt, command_line
 from mercator_design.command import FSM, print_note, print_result, warn
+from mercator_design.config.writing import digest_of
 from mercator_design.errors import MercatorError, MissionError, printable_lines
+from mercator_design.missions.mission import load_mission
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.results.analysis.settings import is_of_setting, settings_of
 from mercator_design.results.analysis.sweep import SettingSweep, SweptDesign, SweptRun
 from mercator_design.show.sweeps import RUNS, sweep_data, sweep_text, write_sweep
 from mercator_design.show.text.progress import Display, Mode
+from mercator_design.sim.simulate import robot_model_of
 from mercator_design.system.files import small_text, writing
 
 _CELLS = "cells"  # of a study: MISSION/METHOD/BUDGET/REPETITION
-_WINNER = "fsm.txt"
+_WINNER, _MISSION = "fsm.txt", "mission.yaml"
 _KEPT_EVERY = 20.0  # [s]
 _MAX_TABLE = 256 * 1024 * 1024
 
@@ -95,7 +98,9 @@ def sweep(
     key, values = _values(over)
     folders = {path: found for path in fsm if (found := _winners(path, given["mission"]))}
     files = [file for path in fsm for file in ([*folders[path]] if path in folders else [path])]
-    own = {**given, "overrides": tuple(one for one in given["overrides"] if not is_of_setting(one))}
+    mission = _mission_of(folders, given["mission"], is_alone=len(folders) == len(fsm))
+    overrides = tuple(one for one in given["overrides"] if not is_of_setting(one))
+    own = {**given, "mission": mission, "overrides": overrides}
     software, simulator = controllers(files, None, flavour, own, lenient=lenient, quiet=False)  # type: ignore[arg-type]
     winners = {file: curve for found in folders.values() for file, curve in found.items()}
     curves = curve_names([*dict.fromkeys(files)], winners)
@@ -174,16 +179,35 @@ def _winners(path: Path, mission: str | None) -> dict[Path, Path]:
     if not cells.is_dir():
         return {}
     missions = sorted(one.name for one in cells.iterdir() if one.is_dir())
-    wanted = missions[0] if mission is None and len(missions) == 1 else Path(mission or "").stem
+    wanted = mission or (missions[0] if len(missions) == 1 else "")
+    wanted = wanted if wanted in missions else Path(wanted).stem
     if wanted not in missions:
         found = ", ".join(missions) or "none"
-        raise click.UsageError(f"{path}: a study of several missions; give --mission, one of: {found}")
+        raise click.UsageError(f"{path}: expected a mission of this study; give --mission, one of: {found}")
     files = sorted((cells / wanted).glob(f"*/*/*/{_WINNER}"))
     budgets = Counter(budget.parent for budget in {file.parents[1] for file in files})
     return {
         file: path / file.parents[1 if budgets[file.parents[2]] > 1 else 2].relative_to(cells / wanted)
         for file in files
     }
+
+
+def _mission_of(studies: Mapping[Path, Mapping[Path, Path]], given: str | None, *, is_alone: bool) -> str | None:
+    """The mission as given; if it is the name of one of studies, or none and all designs are theirs, a file of it.
+
+    Raises:
+        UsageError: The name stands for different missions in several studies.
+    """
+    found: dict[str, Path] = {}
+    for path, winners in studies.items():
+        files = [one.parent / _MISSION for one in winners]
+        raced = [one for one in files if one.exists()]  # hand-made designs have none
+        if raced and (raced[0].parents[3].name == given or (given is None and is_alone and len(raced) < len(files))):
+            mission = load_mission(raced[0])
+            found.setdefault(f"{mission.digest} {digest_of(robot_model_of(mission))}", raced[0])
+            if len(found) > 1:
+                raise click.UsageError(f"{path}: has another mission {raced[0].parents[3].name} than another study")
+    return str(next(iter(found.values()))) if found else given
 
 
 def curve_names(files: Sequence[Path], winners: Mapping[Path, Path]) -> dict[str, str]:

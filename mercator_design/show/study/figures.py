@@ -1,4 +1,4 @@
-"""The figures of a study for a paper: notched boxes of the width of a column (88 mm), as PDF and PNG.
+"""The figures of a study for a paper: boxes of the width of a column (80 mm, as of LaTeX's article), as PDF and PNG.
 
 One colour and one mark for each level, in all figures: the colours of Okabe and Ito, which colour-blind people can
 distinguish. Letters are embedded as TrueType, as publishers demand.
@@ -27,7 +27,7 @@ from mercator_design.studies.statistics.comparison import ranks_by_objective
 from mercator_design.studies.statistics.effects import notch
 from mercator_design.studies.table import Block, StudyTable
 
-WIDTH = 88.0 / 25.4
+WIDTH = 80.0 / 25.4
 """Width of a column [inches]."""
 SUFFIXES = (".pdf", ".png")
 MAX_AXES = 12

@@ -26,15 +26,14 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
         MercatorError: The study's plan is damaged, or a file cannot be written.
     """
     results = analysed(table)
-    blocks = table.blocks(results.findings.reality)
     runs = table.runs if len(table.runs) else table.runs.reindex(columns=[*RUN_COLUMNS])
     texts = {
         f"{TABLES}/runs.csv": runs.to_csv(index=False, lineterminator="\n"),
         f"{TABLES}/designs.csv": table.designs.to_csv(index=False, lineterminator="\n"),
-        f"{TABLES}/comparisons.csv": comparisons_csv(results.findings),
+        f"{TABLES}/comparisons.csv": comparisons_csv(results),
         f"{TABLES}/study.json": study_json(results),
-        f"{TABLES}/scores.tex": scores_latex(table, blocks),
-        f"{TABLES}/comparisons.tex": comparisons_latex(table, results.findings),
+        f"{TABLES}/scores.tex": scores_latex(table),
+        f"{TABLES}/comparisons.tex": comparisons_latex(results),
         PAGE: study_page(results, command, what_was_run(folder) if (folder / FACTS).exists() else ""),
     }
     if len(table.fronts):

@@ -11,7 +11,7 @@ from mercator_design.show.page import document
 from mercator_design.show.report.markup import Html, contents, figure, folded, note, p_text, row_of, section, table
 from mercator_design.show.report.page import asset
 from mercator_design.show.study.boxes import BOXES, chart_of_realities, chart_of_scores, charts_of_ranks
-from mercator_design.show.study.tables import COMPARISONS_HEAD, comparison_rows, score_rows
+from mercator_design.show.study.tables import comparison_table, score_table
 from mercator_design.show.study.verdicts import (
     around,
     correlation_sentence,
@@ -34,10 +34,10 @@ _FRONTS = (
 _FILES = (
     ("tables/runs.csv", "every run, a row each (tidy)"),
     ("tables/designs.csv", "every design in each reality: mean score, its standard error, runs"),
-    ("tables/comparisons.csv", "all comparisons: A, differences, intervals, p"),
+    ("tables/comparisons.csv", "all comparisons in all realities: A, differences, intervals, p"),
     ("tables/study.json", "all findings"),
     ("tables/scores.tex, comparisons.tex", "tables for LaTeX, with booktabs"),
-    ("figures/*.pdf, *.png", "figures of 88 mm, the width of a column"),
+    ("figures/*.pdf, *.png", "figures of 80 mm, the width of a column"),
 )
 
 
@@ -82,16 +82,13 @@ def _answer(results: StudyResults) -> Html:
 def _scores(results: StudyResults) -> Html:
     blocks = results.table.blocks(results.findings.reality)
     charts = [figure(chart_of_scores(results.table, block), "") for block in blocks]
-    head = ["mission", *(named(results.table, level) for level in results.table.levels)]
     return section(
         "scores",
         "Designs on each mission",
         row_of(*charts),
         *map(note, front_sentences(results.table)),
         note(BOXES),
-        folded(
-            "As a table: median (quartiles) [designs]", table(head, score_rows(results.table, blocks), name="scores")
-        ),
+        folded("As a table: median (quartiles) [designs]", table(*score_table(results.table), name="scores")),
     )
 
 
@@ -115,19 +112,20 @@ def _comparisons(results: StudyResults) -> Html:
     study, findings = results.table, results.findings
     if not findings.pairs:
         return Html()
+    each = ", in each reality by itself" * (len(study.realities) > 1)
     about = (
         "A: of the pairs of designs, the share in which the first is better (Vargha and Delaney; 0.5: no difference). "
         "Differences are the first's score minus the second's. Intervals: bootstrap at 95 %. p: Wilcoxon's rank-sum "
-        f"test, corrected by Holm for all {len(findings.pairs)} comparisons; paired p: Wilcoxon's signed-rank test of "
-        f"designs of equal seeds, not corrected. Verdicts are at {ALPHA:.0%} by the corrected p. Over missions: van "
-        "Elteren's test."
+        f"test, corrected by Holm for all {len(findings.pairs)} comparisons{each}; paired p: Wilcoxon's signed-rank "
+        f"test of designs of equal seeds, not corrected. Verdicts are at {ALPHA:.0%} by the corrected p. Over "
+        "missions: van Elteren's test."
     )
     return section(
         "comparisons",
         "Comparisons",
         _listed([pooled_sentence(study, one) for one in findings.pooled]),
         _listed([pair_sentence(study, one) for one in findings.pairs]),
-        table(COMPARISONS_HEAD, comparison_rows(study, findings), name="comparisons"),
+        table(*comparison_table(results), name="comparisons"),
         note(about),
     )
 

@@ -16,6 +16,7 @@ from mercator_design.show.study.verdicts import (
     headlines,
     named,
     pair_sentence,
+    place_of,
     pooled_sentence,
     power_sentence,
     ranks_sentence,
@@ -23,23 +24,13 @@ from mercator_design.show.study.verdicts import (
     unit_sentence,
 )
 from mercator_design.studies.analysis import StudyResults
-from mercator_design.studies.statistics.comparison import Findings, PairOnMission
+from mercator_design.studies.statistics.comparison import PairOnMission
 from mercator_design.studies.statistics.effects import Effect
 from mercator_design.studies.table import Block, StudyTable
 from mercator_design.system.csv_text import csv_text
 
-COMPARISONS_HEAD = (
-    "mission",
-    "first",
-    "second",
-    "A",
-    "difference of medians",
-    "of means",
-    "p (Holm)",
-    "p",
-    "paired p",
-    "first is",
-)
+_MAX_TITLE = 40
+"""Letters of a line of a LaTeX table that have space in a column."""
 _LATEX = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
     ">": r"\textgreater{}", "|": r"\textbar{}", '"': "''", "`": r"\textasciigrave{}",
@@ -47,9 +38,27 @@ _LATEX = {
 } | {letter: f"\\{letter}" for letter in "&%$#_{}"}  # fmt: skip
 
 
-def score_rows(table: StudyTable, blocks: Sequence[Block]) -> list[list[str]]:
-    """A row for each block: median (quartiles) [designs] of each level."""
-    return [[block.name, *(_quartiles(block, level) for level in table.levels)] for block in blocks]
+def score_table(table: StudyTable) -> tuple[list[str], list[list[str]]]:
+    """The head, and a row for each block in each reality: median (quartiles) [designs] of each level."""
+    rows = [
+        [block.name, place_of(reality), *(_quartiles(block, level) for level in table.levels)]
+        for block, reality in _blocks_everywhere(table)
+    ]
+    return _if_several(table, ["mission", "reality", *(named(table, level) for level in table.levels)], rows)
+
+
+def _blocks_everywhere(table: StudyTable) -> list[tuple[Block, str]]:
+    """The blocks of all realities; those of a name are neighbours."""
+    found = [(block, reality) for reality in table.realities for block in table.blocks(reality)]
+    order = {name: k for k, name in enumerate(dict.fromkeys(block.name for block, _ in found))}
+    return sorted(found, key=lambda one: order[one[0].name])
+
+
+def _if_several(table: StudyTable, head: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """A table without its column of realities, the second one, if there is one reality."""
+    if len(table.realities) > 1:
+        return head, rows
+    return [head[0], *head[2:]], [[row[0], *row[2:]] for row in rows]
 
 
 def _quartiles(block: Block, level: str) -> str:
@@ -59,12 +68,28 @@ def _quartiles(block: Block, level: str) -> str:
     return f"{number(middle)} ({number(low)} to {number(high)}) [{len(block.scores[level])}]"
 
 
-def comparison_rows(table: StudyTable, findings: Findings) -> list[list[str]]:
-    """A row for each pair on each mission, with COMPARISONS_HEAD."""
-    return [
+def pairs_everywhere(results: StudyResults) -> list[tuple[PairOnMission, str]]:
+    """Each pair on each mission in the design model, followed by the same pair in the other realities."""
+    found = [(pair, results.findings.reality) for pair in results.findings.pairs]
+    found += [(order.there, order.reality) for order in results.gap.orders]
+    order = {key: k for k, key in enumerate(dict.fromkeys(_key(pair) for pair, _ in found))}
+    return sorted(found, key=lambda one: order[_key(one[0])])
+
+
+def _key(pair: PairOnMission) -> tuple[str, str, str]:
+    return pair.block.name, pair.first, pair.second
+
+
+def comparison_table(results: StudyResults) -> tuple[list[str], list[list[str]]]:
+    """The head, and a row for each pair on each mission in each reality."""
+    table = results.table
+    head = ["mission", "reality", "first", "is", "second", "A", "medians differ", "means differ", "p (Holm)", "p"]
+    rows = [
         [
             pair.block.name,
+            place_of(reality),
             named(table, pair.first),
+            pair.outcome.removesuffix(" than").removesuffix(" from"),
             named(table, pair.second),
             share_text(pair.a),
             around(pair.medians),
@@ -72,40 +97,28 @@ def comparison_rows(table: StudyTable, findings: Findings) -> list[list[str]]:
             _p(pair.p_holm),
             _p(pair.p_value),
             "" if pair.p_paired is None else _p(pair.p_paired),
-            pair.outcome.removesuffix(" than").removesuffix(" from"),
         ]
-        for pair in findings.pairs
+        for pair, reality in pairs_everywhere(results)
     ]
+    return _if_several(table, [*head, "paired p"], rows)
 
 
 def _p(value: float) -> str:
     return p_text(value).removeprefix("p = ").removeprefix("p ")
 
 
-def comparisons_csv(findings: Findings) -> str:
-    """All comparisons with all digits."""
+def comparisons_csv(results: StudyResults) -> str:
+    """All comparisons in all realities with all digits; `p_holm` is corrected in each reality by itself."""
     effects = [
         f"{name}{end}" for name in ("a", "median_difference", "mean_difference") for end in ("", "_low", "_high")
     ]
-    head = [
-        "mission",
-        "objective",
-        "setting",
-        "first",
-        "second",
-        "n_first",
-        "n_second",
-        *effects,
-        "p",
-        "p_holm",
-        "p_paired",
-        "first_is",
-    ]
+    head = ["mission", "objective", "setting", "reality", "first", "second", "n_first", "n_second", *effects]
     rows = [
         [
             pair.block.mission,
             pair.block.objective,
             pair.block.setting,
+            reality,
             pair.first,
             pair.second,
             len(pair.block.scores[pair.first]),
@@ -116,9 +129,9 @@ def comparisons_csv(findings: Findings) -> str:
             pair.p_paired,
             pair.outcome,
         ]
-        for pair in findings.pairs
+        for pair, reality in pairs_everywhere(results)
     ]
-    return csv_text([head, *rows])
+    return csv_text([[*head, "p", "p_holm", "p_paired", "first_is"], *rows])
 
 
 def study_json(results: StudyResults) -> str:
@@ -225,44 +238,59 @@ def _minus(numbers: str) -> str:
     return numbers.replace("-", "$-$")
 
 
-def scores_latex(table: StudyTable, blocks: Sequence[Block]) -> str:
-    """Medians with quartiles, a row for each mission."""
-    rows = [
-        [latex(block.name), *(_minus(_quartiles(block, level).split(" [")[0]) for level in table.levels)]
-        for block in blocks
-    ]
-    head = ["mission", *(latex(named(table, level)) for level in table.levels)]
+def scores_latex(table: StudyTable) -> str:
+    """Medians and quartiles: a row for each level, below a line for each block and reality."""
+    groups = []
+    for block, reality in _blocks_everywhere(table):
+        rows = []
+        for level, scores in block.scores.items():
+            low, middle, high = (_minus(number(one)) for one in np.percentile(scores.to_numpy(float), [25, 50, 75]))
+            rows.append([latex(named(table, level)), middle, f"{low} to {high}", str(len(scores))])
+        groups.append((_title(table, block, reality), rows))
     about = "Medians of the designs' mean scores, with quartiles."
-    return _tabular(about, head, rows, "l" + "r" * len(table.levels))
+    return _tabular(about, [latex(table.by.replace("_", " ")), "median", "quartiles", "designs"], groups)
 
 
-def comparisons_latex(table: StudyTable, findings: Findings) -> str:
-    """A-measures with intervals and p-values; bold where the difference is significant."""
-    rows = []
-    for pair in findings.pairs:
+def comparisons_latex(results: StudyResults) -> str:
+    """A-measures with intervals and p-values of all realities; bold where the difference is significant."""
+    table = results.table
+    groups: dict[str, list[list[str]]] = {_title(table, *one): [] for one in _blocks_everywhere(table)}
+    for pair, reality in pairs_everywhere(results):
         p = "$<0.001$" if pair.p_holm < 0.001 else f"{pair.p_holm:.2g}"
-        effect, medians = share_text(pair.a), _minus(around(pair.medians))
+        effect = share_text(pair.a)
         bold = pair.outcome != "not distinguishable from"
-        names = [latex(text) for text in (pair.block.name, named(table, pair.first), named(table, pair.second))]
-        rows.append([*names, f"\\textbf{{{effect}}}" if bold else effect, medians, p])
+        names = [latex(named(table, level)) for level in (pair.first, pair.second)]
+        groups[_title(table, pair.block, reality)].append([*names, f"\\textbf{{{effect}}}" if bold else effect, p])
     about = (
         "A: the probability that a design of the first is better (Vargha and Delaney), with its bootstrap interval at "
-        "95 %; bold if p < 0.05. p: Wilcoxon's rank-sum test with Holm's correction."
+        "95 %; bold if p < 0.05. p: Wilcoxon's rank-sum test with Holm's correction, in each reality by itself."
     )
-    head = ["mission", "first", "second", "$A$", "difference of medians", "$p$ (Holm)"]
-    return _tabular(about, head, rows, "lllrrr")
+    return _tabular(about, ["first", "second", "$A$", "$p$ (Holm)"], [one for one in groups.items() if one[1]])
 
 
-def _tabular(about: str, head: Sequence[str], rows: Iterable[Sequence[str]], columns: str) -> str:
+def _title(table: StudyTable, block: Block, reality: str) -> str:
+    """A block with its reality, if there are several."""
+    return latex(block.name + f", in {place_of(reality)}" * (len(table.realities) > 1))
+
+
+def _tabular(about: str, head: Sequence[str], groups: Iterable[tuple[str, Sequence[Sequence[str]]]]) -> str:
+    """A table for one column of a page in two: a line for each group, and its rows below."""
+    rows = []
+    for title, own in groups:
+        across = "l" if len(title) <= _MAX_TITLE else r"p{\linewidth}"
+        rows.append(f"\\multicolumn{{{len(head)}}}{{@{{}}{across}@{{}}}}{{\\emph{{{title}}}}} \\\\")
+        rows += [" & ".join(row) + r" \\" for row in own]
     lines = [
         f"% {about}",
-        r"% \usepackage{booktabs}",
-        f"\\begin{{tabular}}{{{columns}}}",
+        r"% \usepackage{booktabs}; it fits one column of two, if names are not long; else use table*.",
+        r"\begingroup\small\setlength{\tabcolsep}{4pt}%",
+        r"\begin{tabular}{@{}llrr@{}}",
         r"\toprule",
         " & ".join(head) + r" \\",
         r"\midrule",
-        *(" & ".join(row) + r" \\" for row in rows),
+        *rows,
         r"\bottomrule",
         r"\end{tabular}",
+        r"\endgroup",
     ]
     return "\n".join(lines) + "\n"

@@ -3,6 +3,8 @@
 import io
 import json
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
 
 import numpy as np
@@ -144,11 +146,11 @@ def test_latex_shows_any_text():
 
 def test_no_name_in_latex_belongs_to_the_end_of_the_row_before(tmp_path):
     """After the end of a row, a bracket begins a distance, and a star forbids a new page."""
-    scores = {(name, level): GOOD for name in ("[up]", "*") for level in "ab"}
+    scores = {(name, level): GOOD for name in ("[up]", "*") for level in ("[a", "*b")}
     write_study(tmp_path, study_table(run_rows(scores)), "x")
     for name in ("scores", "comparisons"):
         text = (tmp_path / "tables" / f"{name}.tex").read_text()
-        assert text.count("{[}up] & ") == text.count("{*} & ") == 1
+        assert text.count("{[}up]}") == text.count("{{*}}") == 1
         assert not re.search(r"\\\\\s*[\[*]", text)
 
 
@@ -206,7 +208,13 @@ def test_the_tables_have_all_that_was_found(folder):
     designs = pd.read_csv(path / "tables" / "designs.csv")
     assert designs.score.tolist() == pytest.approx(results.table.designs.score.tolist(), rel=1e-12)
     compared = pd.read_csv(path / "tables" / "comparisons.csv")
-    assert compared.p_holm.tolist() == pytest.approx([pair.p_holm for pair in results.findings.pairs])
+    model, there = (compared[compared.reality == name] for name in ("design", "field"))
+    assert model.p_holm.tolist() == pytest.approx([pair.p_holm for pair in results.findings.pairs])
+    assert there.a.tolist() == pytest.approx([order.there.a.value for order in results.gap.orders])
+    assert len(there) == 6
+    page = (path / "report.html").read_text()
+    shown = re.search('<table data-table="comparisons">.*?</table>', page)[0]
+    assert shown.count("<td>field</td>") == shown.count("<td>the design model</td>") == 6
     data = json.loads((path / "tables" / "study.json").read_text())
     assert [one["p"] for one in data["pairs"]] == [pair.p_value for pair in results.findings.pairs]
     assert data["answer"] == [*headlines(results)]
@@ -214,12 +222,35 @@ def test_the_tables_have_all_that_was_found(folder):
 
 
 def test_latex_tables_have_cells_for_all_columns(folder):
-    for name in ("scores", "comparisons"):
-        lines = (folder[0] / "tables" / f"{name}.tex").read_text().splitlines()
-        columns = re.fullmatch(r"\\begin\{tabular\}\{([lr]+)\}", lines[2])[1]
-        cells = [line for line in lines if line.endswith(r" \\")]
-        assert len(cells) == (3 if name == "scores" else 7)
-        assert {len(re.split(r"(?<!\\)&", line)) for line in cells} == {len(columns)}
+    for name, n_rows in (("scores", 3), ("comparisons", 3)):
+        text = (folder[0] / "tables" / f"{name}.tex").read_text()
+        columns = re.search(r"\\begin\{tabular\}\{@\{\}([lr]+)@\{\}\}", text)[1]
+        cells = [line for line in text.splitlines() if line.endswith(r" \\")]
+        titles = [line for line in cells if line.startswith(f"\\multicolumn{{{len(columns)}}}")]
+        assert sum("in field" in line for line in titles) == sum("in the design model" in line for line in titles) == 2
+        assert len(cells) == 1 + len(titles) * (1 + n_rows)
+        assert {len(re.split(r"(?<!\\)&", line)) for line in cells if line not in titles} == {len(columns)}
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs pdflatex")
+@pytest.mark.thorough
+def test_latex_tables_and_figures_fit_a_column_of_two(tmp_path):
+    scores = {
+        (mission, level): GOOD for mission in ("aggregation", "foraging") for level in ("halving", "irace", "tpe")
+    }
+    write_study(tmp_path, study_table(run_rows(scores) + run_rows(scores, reality="mercator-pseudo-reality")), "x")
+    lines = [r"\documentclass[twocolumn]{article}\usepackage{booktabs,graphicx}\begin{document}"]
+    lines += [rf"\noindent\input{{tables/{name}.tex}}" + "\n" for name in ("scores", "comparisons")]
+    lines += [rf"\noindent\includegraphics{{figures/{name}.pdf}}" + "\n" for name in ("scores", "gap", "ranks")]
+    (tmp_path / "paper.tex").write_text("\n".join([*lines, r"\end{document}"]))
+    ran = subprocess.run(
+        [shutil.which("pdflatex"), "-interaction=nonstopmode", "paper.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "Overfull" not in ran.stdout
 
 
 def test_boxes_of_the_page_are_those_of_the_figures_turned():
@@ -245,10 +276,10 @@ def test_boxes_of_the_page_are_those_of_the_figures_turned():
 def test_figures_have_the_width_of_a_column(folder):
     for name in ("scores", "ranks", "gap"):
         with Image.open(io.BytesIO((folder[0] / "figures" / f"{name}.png").read_bytes())) as picture:
-            assert picture.size[0] == pytest.approx(88 / 25.4 * 300, abs=1)
+            assert picture.size[0] == pytest.approx(80 / 25.4 * 300, abs=1)
         pdf = (folder[0] / "figures" / f"{name}.pdf").read_bytes()
         width = float(re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", pdf)[1])
-        assert width == pytest.approx(88 / 25.4 * 72, abs=0.1)
+        assert width == pytest.approx(80 / 25.4 * 72, abs=0.1)
         assert b"/Type3" not in pdf
 
 

@@ -90,6 +90,7 @@ def sweep_data(sweep: SettingSweep, points: Sequence[CurvePoint]) -> dict[str, A
             else {"direction": simulators[0].mission.direction if simulators else None}
         ),
         "seeds": [*sweep.seeds],
+        "definition": sweep.definition,
         "designs": [{"name": one.name, "method": one.method} for one in sweep.designs],
         "curves": [_fields(one) for one in points],
     }
@@ -175,9 +176,9 @@ def write_sweep(
         OSError: A file cannot be written.
     """
     points = sweep.curves(runs)
+    write_bytes(folder / DATA, (json.dumps(sweep_data(sweep, points), allow_nan=False) + "\n").encode())  # whose it is
     write_bytes(folder / RUNS, runs_csv(sweep, runs).encode())
     write_bytes(folder / CURVES, curves_csv(sweep, points).encode())
-    write_bytes(folder / DATA, (json.dumps(sweep_data(sweep, points), allow_nan=False) + "\n").encode())
     for name in FIGURES:
         write_bytes(
             folder / name, sweep_figure(sweep, points, Path(name).suffix, caption * name.endswith(".png"), log=log)

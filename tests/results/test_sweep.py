@@ -202,7 +202,7 @@ def test_each_of_several_objectives_has_rows_a_curve_and_a_panel(fsm, tmp_path):
     assert data["objectives"] == {"robots_in_zone": "maximise", "path_length": "minimise"}
     changed = (out / "runs.csv").read_text().replace(repr(float(runs["score"][1])), "123.5")
     (out / "runs.csv").write_text(changed)
-    assert call(*given, "--over", "robots=2").exit_code == 0
+    assert call(*given, "--over", "robots=2,500").exit_code == 0
     assert pd.read_csv(out / "runs.csv")["score"][1] == 123.5  # was taken as it was
     task = SettingSweep(key="robots", settings=settings, designs=[SweptDesign("walk", WALK, "walk")], seeds=(1,))
     assert b"path_length" in sweep_figure(task, task.curves(ran(task)), ".svg")
@@ -228,14 +228,50 @@ def test_the_command_writes_its_files_and_continues(fsm, tmp_path):
     assert {*FIGURES, "curves.csv", "runs.csv", "sweep.json"} == {one.name for one in out.iterdir()}
     changed = (out / "runs.csv").read_text().replace(str(first["score"][0]), "123.5")
     (out / "runs.csv").write_text(changed)
-    shown = call(*given, "--over", "robots=1,2", "--json")
-    assert json.loads(shown.stdout)["values"] == [1, 2]
+    shown = call(*given, "--over", "robots=1,2,500", "--json")
+    assert json.loads(shown.stdout)["values"] == [1, 2, 500]
     again = pd.read_csv(out / "runs.csv")
     assert again["score"][0] == 123.5  # was taken as it was
-    assert again["value"].tolist() == [1, 1, 2, 2]
+    assert again["value"].tolist() == [1, 1, 2, 2, 500]
     (out / "runs.csv").write_text("nonsense\n")
     with pytest.raises(md.MercatorError, match="expected a table of runs"):
-        call(*given, "--over", "robots=1")
+        call(*given, "--over", "robots=1,2,500")
+
+
+def test_a_folder_with_another_sweep_is_refused_with_what_differs(fsm, tmp_path):
+    out, other = tmp_path / "out", tmp_path / "other.txt"
+    other.write_text("--nstates 1 --s0 1\n")
+    given = ("--mission", "grid_exploration", "-o", out, "-q")
+    usual = ("--set", "duration=2", "-n", "2", "--over", "robots=1,2")
+    assert call(fsm, *given, *usual).exit_code == 0
+    before = (out / "runs.csv").read_bytes()
+    for designs, changed, message in (
+        ([fsm], ("--set", "duration=2", "-n", "2", "--over", "robots=2,3"), "expected also the earlier value 1"),
+        ([fsm], ("--set", "duration=2", "-n", "2", "--over", "duration=1"), "--over: expected robots, found duration"),
+        ([fsm], ("--set", "duration=2", "-n", "1", "--over", "robots=1,2"), "-n: expected at least 2"),
+        ([fsm], (*usual, "--seed", "7"), "--seed: expected that of the earlier runs"),
+        ([fsm], ("--set", "duration=3", *usual[2:]), "robots=1: expected the mission and the robots"),
+        ([other], usual, "walk.txt: expected also this earlier design"),
+    ):
+        wrong = call(*designs, *given, *changed)
+        assert wrong.exit_code == 2
+        assert message in " ".join(wrong.stderr.split())
+        assert (out / "runs.csv").read_bytes() == before
+    assert call(other, fsm, *given, "--set", "duration=2", "-n", "3", "--over", "robots=2,1,3").exit_code == 0
+    assert len(pd.read_csv(out / "runs.csv")) == 2 * 3 * 3
+    fsm.write_text("--nstates 1 --s0 0 --rwm0 21\n")
+    wrong = call(fsm, other, *given, "--set", "duration=2", "-n", "3", "--over", "robots=2,1,3")
+    assert "walk.txt: expected the earlier design" in " ".join(wrong.stderr.split())
+
+
+@pytest.mark.parametrize(("name", "text"), [("notes.txt", "mine"), ("sweep.json", "[]"), ("sweep.json", "{")])
+def test_a_folder_with_other_files_is_refused(fsm, tmp_path, name, text):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text(text)
+    wrong = call(fsm, "--mission", "grid_exploration", "-o", tmp_path / "out", "--over", "robots=1")
+    assert wrong.exit_code == 2
+    assert "expected" in wrong.stderr
+    assert [one.name for one in (tmp_path / "out").iterdir()] == [name]
 
 
 def test_winners_of_a_study_are_curves_of_their_methods(fsm, tmp_path):

@@ -23,7 +23,7 @@ from mercator_design.missions.mission import load_mission
 from mercator_design.modules.flavour import DEFAULT_FLAVOUR
 from mercator_design.results.analysis.settings import is_of_setting, settings_of
 from mercator_design.results.analysis.sweep import SettingSweep, SweptDesign, SweptRun
-from mercator_design.show.sweeps import RUNS, sweep_data, sweep_text, write_sweep
+from mercator_design.show.sweeps import DATA, RUNS, sweep_data, sweep_text, write_sweep
 from mercator_design.show.text.progress import Display, Mode
 from mercator_design.sim.simulate import robot_model_of
 from mercator_design.system.files import small_text, writing
@@ -32,6 +32,7 @@ _CELLS = "cells"  # of a study: MISSION/METHOD/BUDGET/REPETITION
 _WINNER, _MISSION = "fsm.txt", "mission.yaml"
 _KEPT_EVERY = 20.0  # [s]
 _MAX_TABLE = 256 * 1024 * 1024
+_MAX_DIFFERENCES = 10
 
 
 @click.command()
@@ -93,7 +94,7 @@ def sweep(
     curve, and its reason in the tables.
 
     Runs that are in runs.csv already are not run again: so an interrupted sweep continues with the same command, and
-    values, designs and runs may be added.
+    values, designs and runs may be added. A folder with another sweep is refused.
     """
     key, values = _values(over)
     folders = {path: found for path in fsm if (found := _winners(path, given["mission"]))}
@@ -126,6 +127,7 @@ def sweep(
             warn(f"{key}={one.label} is left out: {one.failure}")
     task = SettingSweep(key=key, settings=settings, designs=designs, seeds=fresh_instances(seed, runs))
     with writing(output):
+        _refuse_another(output, task)
         output.mkdir(parents=True, exist_ok=True)
     done: list[SweptRun] = []
     kept = time.monotonic()
@@ -230,6 +232,27 @@ def curve_names(files: Sequence[Path], winners: Mapping[Path, Path]) -> dict[str
             ends[path] = ends[path][1:]  # a budget stays with its method
     shared = Counter(end for several in ends.values() for end in several)
     return {str(one): next((end for end in ends[path] if shared[end] == 1), str(path)) for one, path in paths.items()}
+
+
+def _refuse_another(output: Path, task: SettingSweep) -> None:
+    """Refuse a folder that has other files, or another sweep, whose rows would be lost.
+
+    Raises:
+        UsageError: It has such, with what differs.
+        MercatorError: Its file of data cannot be read.
+    """
+    if not output.exists() or not any(not one.name.startswith(".") for one in output.iterdir()):
+        return
+    file = output / DATA
+    if not file.exists():
+        raise click.UsageError(f"{output}: expected a new or empty folder, or that of this sweep, found other files")
+    try:
+        found = task.differences(json.loads(small_text(file, _MAX_TABLE, MercatorError))["definition"])
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise click.UsageError(f"{file}: expected the data of a sweep; give another folder (-o)") from None
+    if found:
+        several = "; ".join(found[:_MAX_DIFFERENCES])
+        raise click.UsageError(f"{output}: has another sweep: {several}. Give another folder (-o)")
 
 
 def _known(file: Path) -> dict[tuple[str, int], tuple[float, ...]]:

@@ -117,6 +117,47 @@ class SettingSweep:
         return (*COLUMNS[:place], OBJECTIVE, *COLUMNS[place:]) if any(self.objectives) else COLUMNS
 
     @property
+    def definition(self) -> dict[str, Any]:
+        """What its scores depend on, by digests: that which may grow are maps and the seeds."""
+        found = [one.simulator for one in self.settings]
+        return {
+            "key": self.key,
+            "program": [kernels_digest(), *(f"{name} {digest}" for name, digest in sorted(loaded_plugins().items()))],
+            "values": {
+                setting.label: one and [one.mission.digest, digest_of(one.robot_model)]
+                for setting, one in zip(self.settings, found, strict=True)
+            },
+            "designs": {
+                one.name: digest_of([digest_of(flavour_of(one.software.flavour)), text_of(one.software)])
+                for one in self.designs
+            },
+            "seeds": [*self.seeds],
+        }
+
+    def differences(self, earlier: Mapping[str, Any]) -> list[str]:
+        """What differs from the definition of an earlier sweep, which this one does not continue; empty if it does."""
+        now, key = self.definition, earlier["key"]
+        if key != self.key:
+            return [f"--over: expected {key}, found {self.key}"]
+        found = ["the program or its plugins: expected those of the earlier runs"] * (
+            now["program"] != earlier["program"]
+        )
+        for value, digests in earlier["values"].items():
+            if value not in now["values"]:
+                found.append(f"--over {key}: expected also the earlier value {value}")
+            elif digests != now["values"][value]:
+                found.append(f"{key}={value}: expected the mission and the robots of the earlier runs, found others")
+        for name, digest in earlier["designs"].items():
+            if digest not in now["designs"].values():
+                is_lost = name not in now["designs"]
+                found.append(f"{name}: expected {'also this earlier design' if is_lost else 'the earlier design'}")
+        n = len(earlier["seeds"])
+        if now["seeds"][:n] != earlier["seeds"]:
+            is_fewer = earlier["seeds"][: len(self.seeds)] == now["seeds"]
+            found.append(f"-n: expected at least {n}" if is_fewer else "--seed: expected that of the earlier runs")
+        return found
+
+    @property
     def size(self) -> int:
         """The number of runs, impossible ones not counted."""
         return len(self.seeds) * sum(not self.refusal(k, d) for k, d in self._pairs)

@@ -17,27 +17,44 @@ from mercator_design.studies.statistics.comparison import ranks_by_objective
 from mercator_design.studies.statistics.effects import notch
 from mercator_design.studies.table import Block, StudyTable
 
-RANK = "relative rank among the designs of a mission (0: best)"
+RANK = "relative rank in a mission (0: best)"
 ONE_OBJECTIVE = "missions with one objective"
+MIN_BOXED = 5
+"""Designs of which quartiles say something."""
+MIN_NOTCHED = 10
+"""Designs from which on scores have a notch: with fewer it holds the median too seldom, and is longer than its box."""
 BOXES = (
-    "Box: quartiles and median; whiskers: extremes; points: designs; waist: the notch, 1.57 interquartile ranges / "
-    "sqrt(n) around the median. If the notches of two do not overlap, their medians differ at about 5 %, not corrected "
-    "for the number of comparisons. A waist ends with its box. Fewer than five designs have a median and no box."
+    "Box: quartiles and median; whiskers: extremes; points: designs. Fewer than five designs have a median and no box."
 )
 """What a box shows, for a caption."""
-MIN_BOXED = 5
-"""Designs of which quartiles and notches say something."""
+NOTCHES = (
+    f" Waist, from {MIN_NOTCHED} designs on: the notch, 1.57 interquartile ranges / sqrt(n) around the median. If the "
+    "notches of two do not overlap, their medians differ at about 5 %, not corrected for the number of comparisons. A "
+    "waist ends with its box."
+)
+"""What is said of boxes of scores, too; ranks are bounded and depend on each other, so they have no notches."""
 
 
+_MAX_TITLE = 60
+"""Letters of the title of an axis; the rest is cut."""
 _HALF, WIDE = 8.0, 0.62
 """Half of the width of a box; its width in distances of boxes."""
 
 
-def box(name: str, values: Floats, colour: int, possible: ScoreRange = ANY_SCORE, *, is_elsewhere: bool = False) -> Dot:
+def box(
+    name: str,
+    values: Floats,
+    colour: int,
+    possible: ScoreRange = ANY_SCORE,
+    *,
+    is_elsewhere: bool = False,
+    has_notch: bool = True,
+) -> Dot:
     """A row of a chart of boxes."""
     low, middle, high = np.percentile(values, [25, 50, 75]).tolist()
     is_boxed = len(values) >= MIN_BOXED
-    start, end = possible.clipped(*notch(values)) if is_boxed else (middle, middle)
+    has_notch = has_notch and len(values) >= MIN_NOTCHED
+    start, end = possible.clipped(*notch(values)) if has_notch else (middle, middle)
     quartiles = (low, middle, high) if is_boxed else None
     return Dot(name, middle, start, end, values.tolist(), f"n = {len(values)}", colour, quartiles, is_elsewhere)
 
@@ -50,7 +67,8 @@ def _mark(frame: ChartFrame, row: Dot, y: float) -> Iterator[str]:
     if row.quartiles is not None:
         lower, _, upper = (frame.at(value, 0.0)[0] for value in row.quartiles)
         least, most = (frame.at(value, 0.0)[0] for value in (min(row.values), max(row.values)))
-        a, b, reach = max(low, lower), min(high, upper), _HALF / 2
+        a, b = max(low, lower), min(high, upper)
+        reach = _HALF / 2 if row.low < row.high else _HALF
         drawn = (
             f'<path d="M{lower:.1f} {top:.1f}H{a:.1f}L{middle:.1f} {y - reach:.1f}L{b:.1f} {top:.1f}H{upper:.1f}'
             f"V{bottom:.1f}H{b:.1f}L{middle:.1f} {y + reach:.1f}L{a:.1f} {bottom:.1f}H{lower:.1f}z"
@@ -68,9 +86,14 @@ def _mark(frame: ChartFrame, row: Dot, y: float) -> Iterator[str]:
 
 
 def moved_aside(values: Floats) -> Floats:
-    """How far each point is moved aside, so that points of near values do not hide each other [distances of boxes]."""
+    """How far each point is moved aside, so that points of near values do not hide each other [distances of boxes].
+
+    The mean is 0: few points lie on both sides of the middle.
+    """
     order = np.argsort(np.argsort(values, kind="stable"), kind="stable")
-    return np.array([-0.16, 0.08, -0.08, 0.16, 0.0])[order % 5]
+    aside: Floats = np.array([-0.16, 0.08, -0.08, 0.16, 0.0])[order % 5]
+    centred: Floats = aside - aside.mean()
+    return centred
 
 
 def chart_of_scores(table: StudyTable, block: Block) -> str:
@@ -85,18 +108,19 @@ def chart_of_scores(table: StudyTable, block: Block) -> str:
 
 def score_axis(block: Block) -> Axis:
     """The axis of the scores of a block."""
-    return Axis(f"{block.name}: score, {'maximised' if block.possible.maximise else 'minimised'}")
+    direction = "maximised" if block.possible.maximise else "minimised"
+    whole = f"{block.name}: score, {direction}"
+    return Axis(whole if len(whole) <= _MAX_TITLE else f"{block.name}, {direction}")
 
 
 def charts_of_ranks(results: StudyResults) -> list[str]:
     """The relative ranks of all designs, a chart for each objective; none if nothing is compared."""
     table = results.table
     colours = {level: k for k, level in enumerate(table.levels)}
-    possible = ScoreRange(0.0, 1.0)
     found = ranks_by_objective(table, table.blocks(results.findings.reality))
     return [
         interval_chart(
-            [box(named(table, level), ranks, colours[level], possible) for level, ranks in by_level.items()],
+            [box(named(table, level), ranks, colours[level], has_notch=False) for level, ranks in by_level.items()],
             Axis(
                 f"{objective or ONE_OBJECTIVE}: relative rank (0: best)" if len(found) > 1 else RANK, low=0.0, high=1.0
             ),

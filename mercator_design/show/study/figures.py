@@ -20,7 +20,7 @@ from mercator_design.errors import printable
 from mercator_design.scores import ScoreRange
 from mercator_design.show.charts import COLOURS
 from mercator_design.show.pictures.figures import house_style, save_figure
-from mercator_design.show.study.boxes import MIN_BOXED, ONE_OBJECTIVE, WIDE, moved_aside
+from mercator_design.show.study.boxes import MIN_BOXED, MIN_NOTCHED, ONE_OBJECTIVE, WIDE, moved_aside
 from mercator_design.show.study.verdicts import named, place_of
 from mercator_design.studies.analysis import StudyResults
 from mercator_design.studies.statistics.comparison import ranks_by_objective
@@ -88,7 +88,8 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
     signs = dict(zip(realities, "MABCDEFGHIJKLNOPQRSTUVWXYZ" + " " * len(realities), strict=False))
     there = {reality: {block.name: block for block in table.blocks(reality)} for reality in realities}
     for k, block in enumerate(blocks):
-        axes = figure.add_subplot(rows, columns, k + 1)
+        last = rows * columns if k + 1 == len(blocks) else k + 1  # which fills its row
+        axes = figure.add_subplot(rows, columns, (k + 1, last))
         boxes = [
             DrawnBox(level, place, found.scores[level].to_numpy(float), reality != realities[0])
             for level, reality, place in _places(table.levels, realities)
@@ -123,7 +124,7 @@ def _of_ranks(table: StudyTable, ranks: Mapping[str, Mapping[str, Floats]]) -> F
             for level, _, place in _places(table.levels, ("",))
             if level in by_level
         ]
-        _draw(axes, table, boxes, ScoreRange(0.0, 1.0))
+        _draw(axes, table, boxes, None)
         axes.set_title(printable(objective) if objective or len(ranks) == 1 else ONE_OBJECTIVE, pad=3.0)
         axes.set_ylabel("relative rank in a mission\n(0: best)", labelpad=2.0)
         axes.set_ylim(1.03, -0.03)
@@ -157,8 +158,8 @@ def _figure(table: StudyTable, height: float) -> tuple[Figure, list[Line2D]]:
     return Figure(figsize=(WIDTH, height + _LEGEND * lines + 0.1), layout="constrained"), handles
 
 
-def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: ScoreRange) -> None:
-    """Boxes with waists, and every design as a point beside the others of its box."""
+def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: ScoreRange | None) -> None:
+    """Boxes, with waists if the possible scores are given, and every design as a point beside the others of its box."""
     numbers = {level: k for k, level in enumerate(table.levels)}
     for box in boxes:
         k = numbers[box.level]
@@ -172,8 +173,8 @@ def _draw(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], possible: Sc
                 [box.values],
                 positions=[box.place],
                 widths=WIDE,
-                notch=True,
-                conf_intervals=[_waist(box.values, possible)],
+                notch=possible is not None and len(box.values) >= MIN_NOTCHED,
+                conf_intervals=None if possible is None else [_waist(box.values, possible)],
                 whis=(0, 100),
                 patch_artist=True,
                 manage_ticks=False,

@@ -10,7 +10,7 @@ from mercator_design.show.markup import escaped
 from mercator_design.show.page import document
 from mercator_design.show.report.markup import Html, contents, figure, folded, note, p_text, row_of, section, table
 from mercator_design.show.report.page import asset
-from mercator_design.show.study.boxes import BOXES, chart_of_realities, chart_of_scores, charts_of_ranks
+from mercator_design.show.study.boxes import BOXES, NOTCHES, chart_of_realities, chart_of_scores, charts_of_ranks
 from mercator_design.show.study.tables import comparison_table, score_table
 from mercator_design.show.study.verdicts import (
     around,
@@ -87,7 +87,7 @@ def _scores(results: StudyResults) -> Html:
         "Designs on each mission",
         row_of(*charts),
         *map(note, front_sentences(results.table)),
-        note(BOXES),
+        note(BOXES, NOTCHES),
         folded("As a table: median (quartiles) [designs]", table(*score_table(results.table), name="scores")),
     )
 
@@ -96,7 +96,8 @@ def _ranks(results: StudyResults) -> Html:
     charts = charts_of_ranks(results)
     about = (
         "The rank of each design among all designs of its mission and setting: 0 is the best, 1 the worst, equal ones "
-        f"have their mean. A design by hand that is compared at several budgets has the mean of its ranks. {BOXES}"
+        "have their mean. A design by hand that is compared at several budgets has the mean of its ranks. "
+        "Boxes as above, without notches."
     )
     drawn = [Html(f'<div class="narrow">{figure(chart, "")}</div>') for chart in charts]
     return section(

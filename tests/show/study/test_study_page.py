@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from mercator_design.show.study.boxes import chart_of_realities
+from mercator_design.show.study.boxes import box, chart_of_realities, moved_aside
 from mercator_design.show.study.folder import write_study
 from mercator_design.show.study.tables import latex
 from mercator_design.show.study.verdicts import (
@@ -271,6 +271,15 @@ def test_boxes_of_the_page_are_those_of_the_figures_turned():
         if is_boxed:
             across = [float(x) for x in re.findall(r"[MHL]([\d.]+)", box[0])]
             assert (min(across), max(across)) == (min(points), max(points))
+
+
+def test_few_designs_and_ranks_have_no_notch_and_points_are_centred():
+    some = np.arange(10.0)
+    assert box("a", some, 0).low < box("a", some, 0).middle
+    assert box("a", some[:9], 0).low == box("a", some[:9], 0).middle == 4.0
+    assert box("a", some, 0, has_notch=False).low == 4.5
+    for n in (1, 2, 3, 5, 8):
+        assert moved_aside(some[:n]).mean() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_figures_have_the_width_of_a_column(folder):

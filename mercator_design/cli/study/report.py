@@ -9,7 +9,7 @@ from mercator_design.cli.options import FOLDER
 from mercator_design.cli.terminal import terminal_width, wrapped
 from mercator_design.command import print_note, print_result
 from mercator_design.show.study.folder import FIGURES, PAGE, TABLES, write_study
-from mercator_design.show.study.verdicts import headlines
+from mercator_design.show.study.verdicts import headlines, score_sentences
 from mercator_design.studies.reading import read_status, study_table
 
 
@@ -35,7 +35,8 @@ def write_results(folder: Path) -> None:
     results = write_study(folder, table, shlex.join(["mdesign", "study", "report", str(folder)]))
     if not status.is_done:
         print_result(f"Unfinished: of {status.counts['done']} of {len(status.cells)} designs.")
-    for sentence in headlines(results):
+    scores = score_sentences(table) if len(table.levels) > 1 else ()
+    for sentence in (*headlines(results), *scores):
         print_result(wrapped(sentence, terminal_width()))
     for name, path in (("Report", PAGE), ("Tables", TABLES), ("Figures", FIGURES)):
         print_result(f"{name:<10} {folder / path}")

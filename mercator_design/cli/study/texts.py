@@ -115,9 +115,13 @@ def _power(layout: StudyLayout) -> list[str]:
     if not n_tests or min(raced) < MIN_DESIGNS:
         return []
     found = visible(min(raced), n_tests)
-    pooled = ["           the test of all missions together sees smaller ones that they share"] * (
-        len(layout.missions) > 1
-    )
+    shared = Counter(name for row in layout.missions.values() for name in [o.name for o in row.objectives] or [""])
+    n_pooled = max(len(layout.budgets), 1) * n_pairs * sum(n > 1 for n in shared.values())
+    pooled = [
+        f"           the test of {n} missions together sees smaller ones that they share, from "
+        f"{designs_needed(n_pooled, n)} designs of each on"
+        for n in sorted({n for n in shared.values() if n > 1})
+    ]
     if math.isinf(found.shift):
         return [
             f"Sees       no difference on a single mission: {min(raced)} designs of each method are too few for "

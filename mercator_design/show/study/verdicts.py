@@ -93,8 +93,11 @@ def power_sentence(findings: Findings) -> str:
                 f"On a single mission, {n} designs of each show a difference of {found.shift:.2g} standard deviations "
                 f"between designs (A = {found.a_measure:.2f}) with probability {POWER:.0%}, {level}."
             )
-    if findings.pooled:
-        said.append("Van Elteren's test of all missions together shows smaller ones that missions have in common.")
+    said += [
+        f"Van Elteren's test of {n} missions together shows smaller ones that missions have in common: it can be "
+        f"significant from {designs_needed(len(findings.pooled), n)} designs of each on."
+        for n in sorted({len(pooled.pairs) for pooled in findings.pooled})
+    ]
     said.append("Smaller differences may exist, and often go unseen: not distinguishable does not mean equal.")
     return " ".join(said)
 
@@ -222,8 +225,8 @@ def single_sentences(table: StudyTable) -> Iterator[str]:
 
 
 def score_sentences(table: StudyTable) -> Iterator[str]:
-    """The scores of the designs of each level in the design model, where there is no other to compare with."""
-    for block in table.blocks() if len(table.levels) == 1 else ():
+    """The scores of the designs of each level in the first reality: medians with quartiles."""
+    for block in table.blocks(table.realities[0]):
         for level, scores in block.scores.items():
             low, middle, high = (number(float(one)) for one in scores.quantile([0.25, 0.5, 0.75]))
             of = f"{len(scores)} design{'s' * (len(scores) != 1)}"
@@ -233,7 +236,8 @@ def score_sentences(table: StudyTable) -> Iterator[str]:
 def headlines(results: StudyResults) -> Iterator[str]:
     """The answer of a study in few sentences."""
     table, findings = results.table, results.findings
-    yield from score_sentences(table)
+    if len(table.levels) == 1:
+        yield from score_sentences(table)
     if findings.pooled or findings.ranks:
         yield from (ranks_sentence(table, one) for one in findings.ranks if one.what == REPETITIONS)
         yield from (pooled_sentence(table, one) for one in findings.pooled)

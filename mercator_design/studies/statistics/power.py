@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from mercator_design.race.elimination.summary import ALPHA
-from mercator_design.studies.statistics.rank_tests import rank_sum
+from mercator_design.studies.statistics.rank_tests import rank_sum, van_elteren
 
 POWER = 0.9
 """The probability with which a difference that is called visible is found."""
@@ -39,10 +39,19 @@ def visible(n: int, n_tests: int = 1) -> Visible:
     return Visible(shift, float(stats.norm.cdf(shift / math.sqrt(2.0))))
 
 
-def designs_needed(n_tests: int) -> int:
-    """The least number of designs of each with which a difference can be significant at all; else MAX_SOUGHT + 1."""
+def designs_needed(n_tests: int, n_missions: int = 1) -> int:
+    """The least number of designs of each with which a difference can be significant at all; else MAX_SOUGHT + 1.
+
+    On one mission by the rank-sum test, over several by van Elteren's.
+    """
+
+    def least_p(n: int) -> float:
+        if n_missions == 1:
+            return 2.0 / math.comb(2 * n, n)
+        return van_elteren([(np.arange(n) + float(n), np.arange(float(n)))] * n_missions)
+
     level = ALPHA / n_tests
-    return next((n for n in range(2, MAX_SOUGHT + 1) if 2.0 / math.comb(2 * n, n) <= level), MAX_SOUGHT + 1)
+    return next((n for n in range(2, MAX_SOUGHT + 1) if least_p(n) <= level), MAX_SOUGHT + 1)
 
 
 @cache

@@ -24,9 +24,11 @@ from mercator_design.show.study.verdicts import (
     pooled_sentence,
     power_sentence,
     ranks_sentence,
+    score_sentences,
     unit_sentence,
 )
 from mercator_design.studies.analysis import analysed
+from mercator_design.studies.statistics.rank_tests import van_elteren
 from tests.studies.tables import run_rows, study_table
 
 GOOD, BAD = [5, 6, 7, 8, 9], [1, 2, 3, 4, 4.5]
@@ -311,3 +313,20 @@ def test_many_missions_have_several_figures(tmp_path):
     scores = {(f"m{k}", level): [1, 2] for k in range(13) for level in "ab"}
     write_study(tmp_path, study_table(run_rows(scores)), "x")
     assert {file.name for file in (tmp_path / "figures").glob("scores*.pdf")} == {"scores-1.pdf", "scores-2.pdf"}
+
+
+def test_the_pooled_test_sees_from_how_many_designs_on():
+    """Three missions show together with three designs of each what none of them can show alone."""
+    three = {(m, level): scores for m in "xyz" for level, scores in (("a", GOOD[:3]), ("b", BAD[:3]))}
+    findings = of(three).findings
+    assert findings.pooled[0].outcome == "better than"
+    assert "test of 3 missions together" in power_sentence(findings)
+    assert "it can be significant from 2 designs of each on" in power_sentence(findings)
+    apart = [(np.array([2.0, 3.0]), np.array([0.0, 1.0]))]
+    assert van_elteren(apart * 3) < 0.05 < van_elteren(apart)
+
+
+def test_scores_are_told_of_every_method():
+    text = [*score_sentences(of(TWO).table)]
+    assert len(text) == 4
+    assert text[0] == "up: a has a median score of 7 (6 to 8), of 5 designs."

@@ -37,6 +37,8 @@ _ROW, _LEGEND = 1.25, 0.16
 """Heights of a row of axes, and of a line of the legend [inches]."""
 _LETTERS = 60
 """Letters that the width of a figure has space for, in a title of 7 points."""
+_MIN_SIZE = 5.0
+"""Points of the smallest letters."""
 _DPI = 300
 _STYLE = {"font.size": 7.0, "pdf.fonttype": 42, "axes.titlesize": 7.0, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}
 
@@ -103,7 +105,9 @@ def _of_blocks(table: StudyTable, blocks: Sequence[Block], *realities: str) -> F
             axes.set_ylabel("score (minimised)", labelpad=2.0)
         elif k % columns == 0:
             axes.set_ylabel("score (maximised)", labelpad=2.0)
-        if len(realities) > 1:
+        if len(realities) == 1:
+            _name_levels(axes, table, boxes, _LETTERS / columns)
+        else:
             places = _places(table.levels, realities)
             axes.set_xticks([place for _, _, place in places], [signs[reality] for _, reality, _ in places])
     if len(realities) > 1:
@@ -125,6 +129,7 @@ def _of_ranks(table: StudyTable, ranks: Mapping[str, Mapping[str, Floats]]) -> F
             if level in by_level
         ]
         _draw(axes, table, boxes, None)
+        _name_levels(axes, table, boxes, _LETTERS)
         axes.set_title(printable(objective) if objective or len(ranks) == 1 else ONE_OBJECTIVE, pad=3.0)
         axes.set_ylabel("relative rank in a mission\n(0: best)", labelpad=2.0)
         axes.set_ylim(1.03, -0.03)
@@ -132,6 +137,14 @@ def _of_ranks(table: StudyTable, ranks: Mapping[str, Mapping[str, Floats]]) -> F
         handles=legend, loc="outside upper center", ncols=3, frameon=False, handletextpad=0.3, columnspacing=1.0
     )
     return figure
+
+
+def _name_levels(axes: Axes, table: StudyTable, boxes: Sequence[DrawnBox], letters: float) -> None:
+    """Names below boxes, if axes as wide as these letters of 7 points have space; else the legend tells."""
+    names = [printable(named(table, box.level)) for box in boxes]
+    size = 7.0 * 0.85 * letters / len(boxes) / max(map(len, names))
+    if size >= _MIN_SIZE:
+        axes.set_xticks([box.place for box in boxes], names, fontsize=min(6.5, size))
 
 
 def _places(levels: Sequence[str], realities: Sequence[str]) -> list[tuple[str, str, float]]:

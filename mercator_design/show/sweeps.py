@@ -96,16 +96,13 @@ def sweep_data(sweep: SettingSweep, points: Sequence[CurvePoint]) -> dict[str, A
     }
 
 
-def sweep_figure(
-    sweep: SettingSweep, points: Sequence[CurvePoint], suffix: str, caption: str = "", *, log: bool = False
-) -> bytes:
+def sweep_figure(sweep: SettingSweep, points: Sequence[CurvePoint], suffix: str, *, log: bool = False) -> bytes:
     """The file of the figure; the suffix is its format.
 
     Args:
         sweep: What was run.
         points: Of its curves.
         suffix: .png, .pdf or .svg.
-        caption: Small, below the figure.
         log: Whether the values have a logarithmic axis, if they are numbers.
     """
     objectives = list(dict.fromkeys(one.objective for one in points))
@@ -117,9 +114,9 @@ def sweep_figure(
             _draw(axes, sweep, [one for one in points if one.objective == objective], log=log)
             if objective:
                 axes.set_ylabel(f"{objective}, {_direction(sweep, objective)}d")
-        panels[-1].set_xlabel(sweep.key)
+        panels[-1].set_xlabel(f"{sweep.key} [{sweep.unit}]" if sweep.unit else sweep.key)
         panels[0].legend(fontsize=6.5, frameon=False)
-        return file_of(figure, suffix, caption)
+        return file_of(figure, suffix)
 
 
 def _draw(axes: Axes, sweep: SettingSweep, points: Sequence[CurvePoint], *, log: bool) -> None:
@@ -168,18 +165,17 @@ def _whole_parts(points: Sequence[CurvePoint]) -> list[list[CurvePoint]]:
 
 
 def write_sweep(
-    folder: Path, sweep: SettingSweep, runs: Sequence[SweptRun], *, caption: str = "", log: bool = False
+    folder: Path, sweep: SettingSweep, runs: Sequence[SweptRun], *, command: str = "", log: bool = False
 ) -> None:
-    """Write the files of a sweep: tables, data and figures, of which the picture has the caption.
+    """Write the files of a sweep: tables, figures, and data with the command.
 
     Raises:
         OSError: A file cannot be written.
     """
     points = sweep.curves(runs)
-    write_bytes(folder / DATA, (json.dumps(sweep_data(sweep, points), allow_nan=False) + "\n").encode())  # whose it is
+    data = {**sweep_data(sweep, points), "command": command}
+    write_bytes(folder / DATA, (json.dumps(data, allow_nan=False) + "\n").encode())  # whose it is
     write_bytes(folder / RUNS, runs_csv(sweep, runs).encode())
     write_bytes(folder / CURVES, curves_csv(sweep, points).encode())
     for name in FIGURES:
-        write_bytes(
-            folder / name, sweep_figure(sweep, points, Path(name).suffix, caption * name.endswith(".png"), log=log)
-        )
+        write_bytes(folder / name, sweep_figure(sweep, points, Path(name).suffix, log=log))

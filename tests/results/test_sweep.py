@@ -208,6 +208,22 @@ def test_each_of_several_objectives_has_rows_a_curve_and_a_panel(fsm, tmp_path):
     assert b"path_length" in sweep_figure(task, task.curves(ran(task)), ".svg")
 
 
+@pytest.mark.parametrize(
+    ("key", "title"),
+    [
+        ("duration", "duration [s]"),
+        ("robots", "robots"),
+        ("arena.scale", "arena.scale"),
+        ("arena.wall_height", "arena.wall_height [m]"),
+        ("robot_model.body.mass", "robot_model.body.mass [kg]"),
+    ],
+)
+def test_the_axis_has_the_unit_of_the_setting(key, title):
+    task = swept(key=key, values=(1, 2))
+    runs = [SweptRun(k, 0, 0, (1.0,)) for k, one in enumerate(task.settings) if one.simulator is not None]
+    assert f"<!-- {title} -->".encode() in sweep_figure(task, task.curves(runs), ".svg")
+
+
 @pytest.fixture
 def fsm(tmp_path):
     file = tmp_path / "walk.txt"
@@ -225,6 +241,7 @@ def test_the_command_writes_its_files_and_continues(fsm, tmp_path):
     assert call(*given, "--over", "robots=1,500").exit_code == 0
     first = pd.read_csv(out / "runs.csv")
     assert first["value"].tolist() == [1, 1, 500]
+    assert json.loads((out / "sweep.json").read_text())["command"]  # and not in the picture
     assert {*FIGURES, "curves.csv", "runs.csv", "sweep.json"} == {one.name for one in out.iterdir()}
     changed = (out / "runs.csv").read_text().replace(str(first["score"][0]), "123.5")
     (out / "runs.csv").write_text(changed)

@@ -154,7 +154,7 @@ def sweep(
 
 def _write(output: Path, task: SettingSweep, done: Sequence[SweptRun], *, log: bool) -> None:
     with writing(output):
-        write_sweep(output, task, done, caption=command_line(), log=log)
+        write_sweep(output, task, done, command=command_line(), log=log)
 
 
 def _values(over: str) -> tuple[str, list[Any]]:

@@ -11,6 +11,7 @@ from functools import cached_property
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mercator_design.config.schema import unit_of
 from mercator_design.config.writing import digest_of
 from mercator_design.designer import Experimenter
 from mercator_design.errors import FsmError, SimulationError
@@ -21,7 +22,7 @@ from mercator_design.plugins.loading import loaded_plugins
 from mercator_design.race.elimination.summary import Scores
 from mercator_design.race.executors.executor import Executor, ExecutorStopped, Failed
 from mercator_design.results.analysis.evaluation import Experimenters
-from mercator_design.results.analysis.settings import Setting
+from mercator_design.results.analysis.settings import OF_ROBOTS, Setting
 from mercator_design.scores import ScoreRange
 from mercator_design.software.architectures import text_of
 
@@ -115,6 +116,16 @@ class SettingSweep:
         """Those of the table of runs."""
         place = COLUMNS.index("score")
         return (*COLUMNS[:place], OBJECTIVE, *COLUMNS[place:]) if any(self.objectives) else COLUMNS
+
+    @property
+    def unit(self) -> str:
+        """That of the key, such as "s" of duration; empty if it has none."""
+        simulator = next((one.simulator for one in self.settings if one.simulator is not None), None)
+        *above, name = self.key.removeprefix(OF_ROBOTS).split(".")
+        place: Any = getattr(simulator, "robot_model" if self.key.startswith(OF_ROBOTS) else "mission", None)
+        for step in above:
+            place = getattr(place, step, None)
+        return unit_of(type(place), name)
 
     @property
     def definition(self) -> dict[str, Any]:

@@ -462,6 +462,9 @@ def test_a_race_with_several_seeds_is_a_study(tmp_path, monkeypatch, mdesign):
     assert sorted(study_table(tmp_path / "studies/aggregation").runs["seed"].unique()) == [3, 4]
     assert mdesign(*race, "--seeds", "3-5")[0] == 0
     assert len(study_table(tmp_path / "studies/aggregation").designs) == 3
+    other = refusal(mdesign, *race, "--seeds", "3-5", "--method", "random")  # the page would lose what has run
+    assert "expected method halving and budget 40, as in the study there, found method random" in other
+    assert len(study_table(tmp_path / "studies/aggregation").designs) == 3
     for seeds in ("5-3", "1-10001", "2147483640-2147483641"):  # a study's file has limits
         assert "expected A-B" in refusal(mdesign, *race, "--seeds", seeds)
     assert "--seed is of one race" in refusal(mdesign, *race, "--seeds", "3-5", "--seed", 3)

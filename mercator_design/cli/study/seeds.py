@@ -8,6 +8,7 @@ from click.core import ParameterSource
 
 from mercator_design.cli.terminal import command_line
 from mercator_design.config.shipped import is_path
+from mercator_design.errors import StudyError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.executors.executor import Executor
 from mercator_design.race.session.outcome import OnFailure
@@ -70,8 +71,10 @@ def run_seeds(
 
     Raises:
         click.UsageError: An option is given that is of one race only.
+        StudyError: The folder has a study of another method or budget, whose results the page would lose.
     """
     from mercator_design.cli.study.run import checked_study, run_study  # pandas comes with it, which no race needs
+    from mercator_design.studies.folder import FACTS, PLAN, read_facts
 
     context = click.get_current_context()
     for name in _OF_ONE_RACE:
@@ -89,9 +92,19 @@ def run_seeds(
         missions=(StudyMission(mission=str(Path(mission).resolve()) if is_path(mission) else mission, set=overrides),),
         assess=Assessing(runs=TEST_RUNS if test_runs is None else test_runs),
     )
+    folder = output or Path("studies") / name
+    if (folder / FACTS).exists():
+        before = read_facts(folder).layout
+        found, now = ([*before.methods], [*before.budgets]), ([method], [budget])
+        if found != now:
+            raise StudyError(
+                f"{folder}: expected method {', '.join(found[0])} and budget {', '.join(map(str, found[1]))}, as in "
+                f"the study there, found method {method} and budget {budget}: give another folder (-o), or add it to a "
+                f"copy of {folder / PLAN} and run mdesign study"
+            )
     run_study(
         checked_study(plan),
-        output or Path("studies") / name,
+        folder,
         executor,
         part=None,
         executor_name=executor_name,

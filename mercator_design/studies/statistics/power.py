@@ -48,7 +48,8 @@ def designs_needed(n_tests: int, n_missions: int = 1) -> int:
     def least_p(n: int) -> float:
         if n_missions == 1:
             return 2.0 / math.comb(2 * n, n)
-        return van_elteren([(np.arange(n) + float(n), np.arange(float(n)))] * n_missions)
+        places = np.arange(2 * n, dtype=float)
+        return van_elteren([(places[n:], places[:n])] * n_missions)
 
     level = ALPHA / n_tests
     return next((n for n in range(2, MAX_SOUGHT + 1) if least_p(n) <= level), MAX_SOUGHT + 1)

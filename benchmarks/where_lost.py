@@ -61,7 +61,7 @@ def best_of(mission: MissionProblem, configurations: Sequence[Configuration], se
     left, total, first, n = np.arange(len(configurations)), np.zeros(len(configurations)), 0, FIRST_RUNS
     while len(left) > 1:
         instances = fresh_instances(seed, first + n)[first:]
-        total[left] += n * mission.values([configurations[k] for k in left], instances)
+        total[left] += n * mission.values([configurations[k] for k in left.tolist()], instances)
         first += n
         last = len(left) <= FINALISTS
         left = left[np.argsort(-total[left])[: 1 if last else max(FINALISTS, len(left) // RATIO)]]
@@ -89,11 +89,13 @@ def searched(task: tuple[str, int], budget: int, method: str) -> Found:
     kept = known[former[best_of(mission, [known[n] for n in former], seed=1)]]
     best = numbers[best_of(mission, [known[n] for n in numbers], seed=1)]
     winner = known[optimizer.best.configuration]
-    scores = mission.values([winner, kept, known[best]], fresh_instances(0, FRESH))
+    chosen, again, sampled = mission.values([winner, kept, known[best]], fresh_instances(0, FRESH)).tolist()
     bounds = np.cumsum([one.n_new for one in history.iterations])
     n_generations = sum(not one.postselection for one in history.iterations)
     return Found(
-        *map(float, scores),
+        chosen,
+        again,
+        sampled,
         len(history.costs[best]),
         int(np.searchsorted(bounds, best, "right")) + 1,
         n_generations,

@@ -145,6 +145,12 @@ class Results(Sequence[ExperimentDone]):
             return Results(self._experiments, self._numbers[place])
         return self._experiments.current(self._numbers[place])
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and [*self] == [*other]
+
+    def __hash__(self) -> int:
+        return hash((*self,))
+
 
 def _row(event: ExperimentDone) -> bytes | None:
     """The row of an experiment; None if it does not fit."""

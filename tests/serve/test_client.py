@@ -109,9 +109,9 @@ def test_a_study_with_own_files_from_its_submission_to_its_tables(client, servic
     assert client("fetch", job)[0] == 0
     folder = tmp_path / job
     assert len((folder / "tables/designs.csv").read_text().splitlines()) == 1 + 2 * 2 + 2
-    hand = read_fsm(folder / "cells/aggregation/hand/0/1/fsm.txt").software
+    hand = read_fsm(folder / "cells/short/hand/0/1/fsm.txt").software
     assert hand == fsm_of(FILES["made/by-hand.txt"], "").software
-    assert load_mission(folder / "cells/aggregation/random/20/1/mission.yaml").duration == 1
+    assert load_mission(folder / "cells/short/random/20/1/mission.yaml").duration == 1
     assert '<iframe class="report"' in httpx.get(f"{server}/jobs/{job}/race").text
     for file in filter(Path.is_file, folder.rglob("*")):
         assert str(service.data).encode() not in file.read_bytes(), file

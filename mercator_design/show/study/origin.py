@@ -43,12 +43,13 @@ def what_was_run(folder: Path) -> Html:
 
 
 def _facts(folder: Path, facts: StudyFacts, plan: StudyPlan) -> Iterator[tuple[str, str]]:
+    """Rows of names and values; files without their folders, as pages are passed on."""
     layout = facts.layout
     yield "description", plan.description
     for name, method in plan.methods.items():
         yield f"method {name}", _method(method, layout.flavours.get(name, ""))
     for entry in plan.missions:
-        yield "mission", _mission(entry) if isinstance(entry, StudyMission) else entry
+        yield "mission", _mission(entry) if isinstance(entry, StudyMission) else Path(entry).name
     yield "robot models (design)", ", ".join(sorted({one.robot_model for one in layout.missions.values()}))
     if races := any(n is None for n in layout.methods.values()):
         yield "budgets", f"{', '.join(map(str, layout.budgets))} experiments"
@@ -67,7 +68,7 @@ def _facts(folder: Path, facts: StudyFacts, plan: StudyPlan) -> Iterator[tuple[s
             ]
         ),
     )
-    yield "plugins", ", ".join(plan.plugins)
+    yield "plugins", ", ".join(Path(one).name for one in plan.plugins)
     yield "mercator_design", facts.mercator_design
     cells = (folder / CELLS / cell.path for cell in layout.cells if cell.budget) if races else ()
     known = [read_provenance(cell) for cell in cells if (cell / PROVENANCE).exists()]
@@ -92,7 +93,7 @@ def _mission(entry: StudyMission) -> str:
     if entry.sample is not None:
         what = f"sampled: {entry.sample}, seeds {', '.join(map(str, entry.seeds or ()))}"
     else:
-        what = f"{entry.mission}" + f" as {entry.name}" * bool(entry.name)
+        what = Path(entry.mission or "").name + f" as {entry.name}" * bool(entry.name)
     return what + f", with {', '.join(entry.set)}" * bool(entry.set)
 
 

@@ -62,6 +62,46 @@ const Mercator = {
     } catch { /* no space, or not allowed: nothing is kept */ }
   },
 
+  /** The submission of a job by the button of a form: one job, however often the same request is sent. */
+  submission(path, draft, tell) {
+    const { api, at, keepDraft } = Mercator;
+    let key = "";
+    let keyed = "";
+    let isSending = false;
+    function end() {
+      isSending = false;
+      at("submit").removeAttribute("aria-disabled");
+    }
+    addEventListener("pageshow", (event) => {
+      if (!event.persisted) return; // the browser has brought the page back: what is submitted now is another job
+      keyed = "";
+      end();
+      tell("", "problem");
+    });
+    return {
+      isSending: () => isSending,
+      async send(request, message) {
+        isSending = true;
+        at("submit").setAttribute("aria-disabled", "true");
+        tell(message, "faint");
+        try {
+          const body = await request();
+          if (JSON.stringify(body) !== keyed) {
+            keyed = JSON.stringify(body);
+            key = [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+          }
+          const { job } = await api("POST", path, body, { "Idempotency-Key": key });
+          keepDraft(draft, null);
+          location.assign(`/jobs/${encodeURIComponent(job.id)}`);
+        } catch (error) {
+          tell(error.message, "problem");
+          at("notice").focus();
+          end();
+        }
+      },
+    };
+  },
+
   /** An error, as an element. */
   problem: (error) => Mercator.make("p", { class: "problem", role: "alert" }, error.message),
 };

@@ -275,50 +275,19 @@
     return { ...given(), ...Object.fromEntries(values) };
   }
 
-  // Submission: the same request with the same key is one job, however often it is sent.
-  let key = "";
-  let keyed = "";
-  function keyOf(body) {
-    const text = JSON.stringify(body);
-    if (text !== keyed) {
-      key = [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
-      keyed = text;
-    }
-    return key;
-  }
-  let isSending = false;
-  form.addEventListener("submit", async (event) => {
+  const submission = Mercator.submission("/jobs", place, (text, kind) => write("notice", text, kind));
+  form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (isSending) return;
+    if (submission.isSending()) return;
     const wrong = fields.find((field) => !field.checkValidity());
     if (wrong) {
       write("notice", `${wrong.labels[0].textContent}: ${wrong.validationMessage}`, "problem");
       wrong.focus();
       return;
     }
-    isSending = true;
-    at("submit").setAttribute("aria-disabled", "true");
-    write("notice", "Submitting …", "faint");
-    try {
-      const body = request();
-      const { job } = await api("POST", "/jobs", body, { "Idempotency-Key": keyOf(body) });
-      Mercator.keepDraft(place, null);
-      location.assign(`/jobs/${encodeURIComponent(job.id)}`);
-    } catch (error) {
-      write("notice", error.message, "problem");
-      at("notice").focus();
-      isSending = false;
-      at("submit").removeAttribute("aria-disabled");
-    }
+    submission.send(request, "Submitting …");
   });
-  addEventListener("pagehide", () => { if (!isKept && !isSending) keep(); }); // what was typed just now
-  addEventListener("pageshow", (event) => {
-    if (!event.persisted) return; // the browser has brought the page back: what is submitted now is another job
-    keyed = "";
-    isSending = false;
-    at("submit").removeAttribute("aria-disabled");
-    write("notice", "");
-  });
+  addEventListener("pagehide", () => { if (!isKept && !submission.isSending()) keep(); }); // what was typed just now
 
   // Settings.
   for (const [name, value] of Object.entries(draft().settings || {})) {

@@ -13,7 +13,7 @@ from mercator_design.config.checked_lines import to_line
 from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Range
 from mercator_design.config.writing import plain
-from mercator_design.designer import Experimenter
+from mercator_design.designer import Designer, Experimenter
 from mercator_design.errors import StudyError
 from mercator_design.modules.architecture import Software
 from mercator_design.modules.flavour import flavour_of
@@ -108,6 +108,14 @@ def known_rows(
         return known.rows(reality, n_objectives, other)
     except StudyError as error:
         raise StudyError(f"{folder / ASSESSMENT}: {error}") from None
+
+
+def front_scores(
+    folder: Path, known: Assessment, reality: str, n_objectives: int
+) -> dict[str, list[tuple[float, ...]]]:
+    """The rows of `known_rows` of all designs of a front by their files, the winner's first."""
+    files = {Designer.WINNER: "", **{name: name for name in known.front}}
+    return {file: known_rows(folder, known, reality, n_objectives, other) for file, other in files.items()}
 
 
 def others_on_front(folder: Path) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from mercator_design.designer import GIVEN_OPTIONS, GOAL, Designer
+from mercator_design.designer import GIVEN_OPTIONS, GOAL
 from mercator_design.errors import MissionError, RaceError, StudyError
 from mercator_design.missions.mission import load_mission
 from mercator_design.race.session.record import Record
@@ -15,7 +15,7 @@ from mercator_design.results.analysis.comparison import winner_tests
 from mercator_design.results.analysis.front import file_on_front
 from mercator_design.results.files import JOURNAL, possible_scores, read_journal
 from mercator_design.scores import ScoreRange
-from mercator_design.studies.assessment import known_rows, read_assessment
+from mercator_design.studies.assessment import front_scores, read_assessment
 from mercator_design.studies.statistics.fronts import front_rows
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
@@ -151,12 +151,8 @@ def _tests(record: Record, n_objectives: int) -> dict[str, dict[int, tuple[float
 def _assessed(folder: Path, n_objectives: int) -> dict[str, dict[int, tuple[float, ...]]]:
     """What a study assessed in the design model, if the race is a cell of one."""
     known = read_assessment(folder)
-    files = {} if known is None else {Designer.WINNER: "", **{name: name for name in known.front}}
-    return {
-        file: dict(enumerate(known_rows(folder, known, DESIGN_MODEL, n_objectives, other)))
-        for file, other in files.items()
-        if known is not None
-    }
+    found = {} if known is None else front_scores(folder, known, DESIGN_MODEL, n_objectives)
+    return {file: dict(enumerate(own)) for file, own in found.items()}
 
 
 def _possible(folder: Path, start: Mapping[str, Any]) -> Mapping[str, ScoreRange]:

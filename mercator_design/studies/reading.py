@@ -4,22 +4,22 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import pandas as pd
 
-from mercator_design.designer import Designer
 from mercator_design.errors import RaceError, StudyError
 from mercator_design.race.session.journal import Reading, is_locked
 from mercator_design.results.files import JOURNAL, read_journal, read_provenance
 from mercator_design.results.provenance import PROVENANCE
-from mercator_design.studies.assessment import known_rows, n_missing, others_on_front, read_assessment
+from mercator_design.studies.assessment import front_scores, known_rows, n_missing, others_on_front, read_assessment
 from mercator_design.studies.folder import CELLS, read_facts
 from mercator_design.studies.layout import Cell, StudyLayout
 from mercator_design.studies.statistics.fronts import front_rows
 from mercator_design.studies.table import RUN_COLUMNS, StudyTable
 
-State = Literal["to run", "interrupted", "running", "to assess", "done"]
+State = Literal["done", "to assess", "running", "interrupted", "to run"]
+STATES: tuple[State, ...] = get_args(State)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +43,14 @@ class StudyStatus:
     def counts(self) -> Mapping[State, int]:
         """The number of cells in each state."""
         return Counter(one.state for one in self.cells)
+
+    @property
+    def counts_by_kind(self) -> Mapping[tuple[str, str, int], Counter[State]]:
+        """The number of cells in each state, by mission, method and budget."""
+        found: dict[tuple[str, str, int], Counter[State]] = {}
+        for one in self.cells:
+            found.setdefault((one.cell.mission, one.cell.method, one.cell.budget), Counter())[one.state] += 1
+        return found
 
     @property
     def is_done(self) -> bool:
@@ -155,11 +163,9 @@ def study_table(path: Path) -> StudyTable:
             for objective, score in zip(names, row, strict=True)
         )
         if layout.has_front(cell):
-            files = {Designer.WINNER: "", **{name: name for name in others}}
             for reality in layout.realities:
                 scores = {
-                    file: known_rows(folder, found, reality, len(names), other)[: layout.runs]
-                    for file, other in files.items()
+                    file: own[: layout.runs] for file, own in front_scores(folder, found, reality, len(names)).items()
                 }
                 place = dict(zip(RUN_COLUMNS, (*start, reality), strict=False))
                 fronts += front_rows(place, scores, {one.name: one.maximise for one in mission.objectives})

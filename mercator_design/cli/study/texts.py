@@ -7,14 +7,13 @@ from datetime import timedelta
 from mercator_design.show.text.progress import Display
 from mercator_design.studies.estimate import StudyEstimate
 from mercator_design.studies.layout import Cell, StudyLayout
-from mercator_design.studies.reading import State, StudyStatus
+from mercator_design.studies.reading import STATES, StudyStatus
 from mercator_design.studies.running import StudyProgress
 from mercator_design.studies.statistics.comparison import MIN_DESIGNS
 from mercator_design.studies.statistics.power import POWER, designs_needed, visible
 
 _MIN_SECONDS, _MIN_EXPERIMENTS = 2.0, 10
 """The least base of a rate."""
-_STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to run")
 
 
 class StudyDisplay(Display):
@@ -51,16 +50,13 @@ def status_text(status: StudyStatus, layout: StudyLayout) -> str:
         f"Study      {status.name}: {status.counts['done']} of {len(status.cells)} designs are assessed, "
         f"{status.done} of {status.total} experiments have run"
     ]
-    groups: dict[tuple[str, str, int], Counter[State]] = {}
-    for one in status.cells:
-        key = one.cell.mission, one.cell.method, one.cell.budget
-        groups.setdefault(key, Counter())[one.state] += 1
+    groups = status.counts_by_kind
     names = [
         f"{mission}, {method}{f', budget {budget}' * (len(layout.budgets) > 1)}" for mission, method, budget in groups
     ]
     width = max(map(len, names))
     for name, counts in zip(names, groups.values(), strict=True):
-        states = ", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])
+        states = ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])
         lines.append(f"  {name:{width}}  {states}")
     return "\n".join(lines)
 
@@ -70,7 +66,7 @@ def status_data(status: StudyStatus) -> dict[str, object]:
     return {
         "name": status.name,
         "cells": len(status.cells),
-        "counts": {state: status.counts[state] for state in _STATES},
+        "counts": {state: status.counts[state] for state in STATES},
         "experiments": status.total,
         "done": status.done,
         "designs": [

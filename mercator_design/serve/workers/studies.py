@@ -5,7 +5,6 @@ as they will run in that of the job. As in races, missions name no files, and no
 """
 
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +22,11 @@ from mercator_design.serve.workers.sources import MissionSource, check_limits
 from mercator_design.show.report.markup import section, table
 from mercator_design.studies.folder import FACTS
 from mercator_design.studies.plan import StudyMission, StudyPlan
-from mercator_design.studies.reading import State, read_status
+from mercator_design.studies.reading import STATES, read_status
 from mercator_design.studies.resolving import resolve
 
 MAX_CELLS = 500
 """Maximum number of designs of a study: each has about ten files."""
-_STATES: tuple[State, ...] = ("done", "to assess", "running", "interrupted", "to run")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,11 +144,8 @@ def study_part(folder: Path) -> PagePart:
     if not (folder / FACTS).exists():
         return PagePart("")
     status = read_status(folder)
-    groups: dict[tuple[str, str, int], Counter[State]] = {}
-    for one in status.cells:
-        key = one.cell.mission, one.cell.method, one.cell.budget
-        groups.setdefault(key, Counter())[one.state] += 1
-    states = [state for state in _STATES if any(counts[state] for counts in groups.values())]
+    groups = status.counts_by_kind
+    states = [state for state in STATES if any(counts[state] for counts in groups.values())]
     rows = [(*key, *(counts[state] or "" for state in states)) for key, counts in groups.items()]
     done = f"{status.counts['done']} of {len(status.cells)} designs are assessed."
     shown = table(("mission", "method", "budget", *states), rows, name="cells")

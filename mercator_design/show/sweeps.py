@@ -112,11 +112,16 @@ def sweep_figure(sweep: SettingSweep, points: Sequence[CurvePoint], suffix: str,
         panels = figure.subplots(len(objectives), sharex=True, squeeze=False)[:, 0]
         for axes, objective in zip(panels, objectives, strict=True):
             _draw(axes, sweep, [one for one in points if one.objective == objective], log=log)
-            if objective:
-                axes.set_ylabel(f"{objective}, {_direction(sweep, objective)}d")
+            if sweep.objectives:  # else no value is possible
+                axes.set_ylabel(f"{objective or _score(sweep)}, {_direction(sweep, objective)}d")
         panels[-1].set_xlabel(f"{sweep.key} [{sweep.unit}]" if sweep.unit else sweep.key)
         panels[0].legend(fontsize=6.5, frameon=False)
         return file_of(figure, suffix)
+
+
+def _score(sweep: SettingSweep) -> str:
+    """The score of the mission, in words."""
+    return f"score of {next(one.simulator.mission.name for one in sweep.settings if one.simulator is not None)}"
 
 
 def _draw(axes: Axes, sweep: SettingSweep, points: Sequence[CurvePoint], *, log: bool) -> None:
@@ -145,8 +150,6 @@ def _draw(axes: Axes, sweep: SettingSweep, points: Sequence[CurvePoint], *, log:
     elif all(isinstance(one.value, int) for one in sweep.settings):
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(linewidth=0.3)
-    data = sweep_data(sweep, points)
-    axes.set_ylabel(f"score of {data['mission']}, {data.get('direction')}d" if data["mission"] else "score")
 
 
 def _number(value: float | None) -> float:

@@ -16,7 +16,7 @@ from mercator_design.cli.inputs import Given
 from mercator_design.cli.options import CONTROLLER, FOLDER, JSON, MISSION, PROGRESS, SEED
 from mercator_design.cli.races.executors import EXECUTOR, executor_of
 from mercator_design.cli.terminal import Interrupt, command_line
-from mercator_design.command import FSM, print_note, print_result, warn
+from mercator_design.command import FSM, WINNER, print_note, print_result, warn
 from mercator_design.config.writing import digest_of
 from mercator_design.errors import MercatorError, MissionError, printable_lines
 from mercator_design.missions.mission import load_mission
@@ -29,7 +29,7 @@ from mercator_design.sim.simulate import robot_model_of
 from mercator_design.system.files import small_text, writing
 
 _CELLS = "cells"  # of a study: MISSION/METHOD/BUDGET/REPETITION
-_WINNER, _MISSION = "fsm.txt", "mission.yaml"
+_MISSION = "mission.yaml"
 _KEPT_EVERY = 20.0  # [s]
 _MAX_TABLE = 256 * 1024 * 1024
 _MAX_DIFFERENCES = 10
@@ -186,7 +186,7 @@ def _winners(path: Path, mission: str | None) -> dict[Path, Path]:
     if wanted not in missions:
         found = ", ".join(missions) or "none"
         raise click.UsageError(f"{path}: expected a mission of this study; give --mission, one of: {found}")
-    files = sorted((cells / wanted).glob(f"*/*/*/{_WINNER}"))
+    files = sorted((cells / wanted).glob(f"*/*/*/{WINNER}"))
     budgets = Counter(budget.parent for budget in {file.parents[1] for file in files})
     return {
         file: path / file.parents[1 if budgets[file.parents[2]] > 1 else 2].relative_to(cells / wanted)
@@ -219,7 +219,7 @@ def curve_names(files: Sequence[Path], winners: Mapping[Path, Path]) -> dict[str
         files: Of designs. The path of the curve of a run folder is the folder, of another file the file without suffix.
         winners: Those of studies, with the paths of their curves, which several share.
     """
-    bare = {one: one.parent if one.name == _WINNER and one.parent.name else one.with_suffix("") for one in files}
+    bare = {one: one.parent if one.name == WINNER and one.parent.name else one.with_suffix("") for one in files}
     bare |= winners
     owners = Counter(path for one, path in bare.items() if one not in winners) + Counter({*winners.values()})
     paths = {

@@ -24,6 +24,7 @@ from benchmarks.twin_runs import Track, twin_was_late
 from benchmarks.twin_stepped import stepped_run
 from mercator_design.modules.flavour import flavour_of
 from mercator_design.twin.arena import TwinArena
+from tests.robot.ways import made_in_time
 
 pytestmark = pytest.mark.together("kernels")  # compiled once
 
@@ -126,6 +127,7 @@ def test_the_nearest_poses(tmp_path):
 
 
 @pytest.mark.thorough
+@made_in_time
 def test_a_run_in_real_time(short, tmp_path):
     """Three robots begin at the same heartbeat; late they may be, as this machine may be busy."""
     run_all([(short, 2)], tmp_path, at_once=3, keep=False)

@@ -88,9 +88,10 @@ class Page:
         self.requests[:] = [url for url in self.requests if url != address and not url.startswith("data:")]
 
     def like_dark(self, dark=True):
-        """Whether the user likes dark colours, from now on."""
-        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-        self._call("Emulation.setEmulatedMedia", features=scheme)
+        """Whether the user likes dark colours, from now on. None likes motion: a click misses while a page scrolls."""
+        likes = {"prefers-color-scheme": "dark" if dark else "light", "prefers-reduced-motion": "reduce"}
+        features = [{"name": name, "value": value} for name, value in likes.items()]
+        self._call("Emulation.setEmulatedMedia", features=features)
 
     def wait_for_load(self):
         """Wait until the page has loaded."""

@@ -17,7 +17,7 @@ from mercator_design.studies.statistics.effects import (
     difference_of_medians,
     notch,
 )
-from mercator_design.studies.statistics.power import POWER, visible, visible_shift
+from mercator_design.studies.statistics.power import POWER, designs_needed, visible, visible_shift
 from mercator_design.studies.statistics.rank_tests import friedman, rank_sum, signed_rank, van_elteren
 from tests.tiers import some
 
@@ -173,3 +173,15 @@ def test_nothing_is_visible_to_samples_too_small():
     assert visible(4).shift < math.inf
     assert visible(10).a_measure > visible(20).a_measure > 0.5
     assert visible(20, 14).shift > visible(20).shift
+
+
+@pytest.mark.parametrize("n_tests", [1, 100, 10**9])
+def test_the_designs_needed_are_the_least_that_can_show_a_difference(n_tests):
+    n, level = designs_needed(n_tests), 0.05 / n_tests
+    least_p = [rank_sum(np.arange(k, 2.0 * k), np.arange(float(k))) for k in (n - 1, n)]
+    assert least_p[1] <= level < least_p[0]
+
+
+def test_the_designs_needed_are_counted_without_a_limit():
+    assert designs_needed(10**30) == 55
+    assert 2 / math.comb(110, 55) <= 0.05e-30 < 2 / math.comb(108, 54)

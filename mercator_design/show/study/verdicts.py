@@ -16,7 +16,7 @@ from mercator_design.studies.statistics.comparison import (
 )
 from mercator_design.studies.statistics.effects import Effect, mirrored
 from mercator_design.studies.statistics.fronts import BEYOND, HYPERVOLUME
-from mercator_design.studies.statistics.power import MAX_SOUGHT, POWER, designs_needed
+from mercator_design.studies.statistics.power import POWER, designs_needed
 from mercator_design.studies.statistics.reality_gap import Correlation, Drop, Order
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
@@ -82,11 +82,9 @@ def power_sentence(findings: Findings) -> str:
     said = []
     for n, found in findings.visible.items():
         if math.isinf(found.shift):
-            needed = designs_needed(tests)
-            more = f"at least {needed} of each are needed" if needed <= MAX_SOUGHT else "compare less at a time"
             said.append(
                 f"On a single mission, {n} designs of each are too few: no difference, however large, can be "
-                f"significant {level}; {more}."
+                f"significant {level}; at least {designs_needed(tests)} of each are needed."
             )
         else:
             said.append(

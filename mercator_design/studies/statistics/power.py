@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,6 @@ from mercator_design.studies.statistics.rank_tests import rank_sum, van_elteren
 
 POWER = 0.9
 """The probability with which a difference that is called visible is found."""
-MAX_SOUGHT = 50
-"""Designs of each up to which `designs_needed` looks."""
 _REPEATS = 400
 
 
@@ -40,7 +39,7 @@ def visible(n: int, n_tests: int = 1) -> Visible:
 
 
 def designs_needed(n_tests: int, n_missions: int = 1) -> int:
-    """The least number of designs of each with which a difference can be significant at all; else MAX_SOUGHT + 1.
+    """The least number of designs of each with which a difference can be significant at all.
 
     On one mission by the rank-sum test, over several by van Elteren's.
     """
@@ -52,7 +51,7 @@ def designs_needed(n_tests: int, n_missions: int = 1) -> int:
         return van_elteren([(places[n:], places[:n])] * n_missions)
 
     level = ALPHA / n_tests
-    return next((n for n in range(2, MAX_SOUGHT + 1) if least_p(n) <= level), MAX_SOUGHT + 1)
+    return next(n for n in count(2) if least_p(n) <= level)
 
 
 @cache

@@ -20,6 +20,7 @@ from mercator_design.studies.statistics.power import POWER, designs_needed
 from mercator_design.studies.statistics.reality_gap import Correlation, Drop, Order
 from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
+_TOO_FEW = "; no difference can be significant with so few designs"
 _KINDS = {"budget": "budget ", "robot_model": "robot model ", "flavour": "flavour "}
 
 
@@ -115,7 +116,7 @@ def pair_sentence(table: StudyTable, pair: PairOnMission) -> str:
     first, second = (named(table, level) for level in names)
     return (
         f"{pair.block.name}: {first} is {outcome} {second} (A = {share_text(effect)}, medians {medians}, "
-        f"{p_text(pair.p_holm)})."
+        f"{p_text(pair.p_holm)}){_TOO_FEW * (pair.least_p >= ALPHA)}."
     )
 
 
@@ -131,7 +132,8 @@ def pooled_sentence(table: StudyTable, pooled: PairPooled) -> str:
     return (
         f"Over {n} missions{where}, {named(table, first)} is {outcome} {named(table, second)} (van Elteren's test, "
         f"{p_text(pooled.p_holm)}; mean A {mean_a:.2f}): better on {_counted(better, n)}, worse on "
-        f"{_counted(worse, n)}, not distinguishable on {alike}."
+        f"{_counted(worse, n)}, not distinguishable on {alike}"
+        f"{_TOO_FEW * (pooled.least_p >= ALPHA)}."
     )
 
 
@@ -156,7 +158,7 @@ def ranks_sentence(table: StudyTable, by_ranks: AllByRanks) -> str:
         f"Mean ranks{where} over {ranked.n_blocks} {by_ranks.what}: {means} (Friedman's test, {p_text(ranked.p_value)})"
     )
     if ranked.p_value >= ALPHA:
-        return f"{text}: no difference is shown."
+        return f"{text}: no difference is shown{'; none can be by so few' * (ranked.least_p >= ALPHA)}."
     if not differ:
         return f"{text}: there are differences, but Nemenyi's test does not show between which."
     return f"{text}. By Nemenyi's test (critical distance {ranked.distance:.2f}): {', '.join(differ)}."

@@ -17,7 +17,7 @@ from mercator_design.arrays import Floats
 from mercator_design.race.elimination.statistics import holm
 from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.studies.statistics.effects import Effect, a_effect, difference_of_means, difference_of_medians
-from mercator_design.studies.statistics.power import Visible, visible
+from mercator_design.studies.statistics.power import Visible, least_p, visible
 from mercator_design.studies.statistics.rank_tests import RankedBlocks, friedman, rank_sum, signed_rank, van_elteren
 from mercator_design.studies.table import DESIGN_MODEL, Block, StudyTable
 
@@ -34,6 +34,7 @@ class PairOnMission(NamedTuple):
     a: The A-measure: of the pairs of designs, those in which the first's is better.
     medians, means: Differences, the first's minus the second's, in scores.
     p_value: Of the rank-sum test; p_holm is corrected.
+    least_p: The least p_holm that is possible with so many designs.
     p_paired: Of the signed-rank test of designs of the same seeds, not corrected; None if fewer than two have the same.
     """
 
@@ -45,7 +46,13 @@ class PairOnMission(NamedTuple):
     means: Effect
     p_value: float
     p_holm: float
+    least_p: float
     p_paired: float | None
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """The numbers of designs of both."""
+        return len(self.block.scores[self.first]), len(self.block.scores[self.second])
 
     @property
     def outcome(self) -> Outcome:
@@ -58,6 +65,7 @@ class PairPooled(NamedTuple):
 
     pairs: On each mission.
     p_value: Of van Elteren's test; p_holm is corrected.
+    least_p: The least p_holm that is possible with so many designs, if no scores are equal.
     """
 
     setting: str
@@ -66,6 +74,7 @@ class PairPooled(NamedTuple):
     pairs: tuple[PairOnMission, ...]
     p_value: float
     p_holm: float
+    least_p: float
 
     @property
     def mean_a(self) -> float:
@@ -129,9 +138,12 @@ def compared(table: StudyTable, reality: str = DESIGN_MODEL) -> Findings:
         for pair in combinations([level for level, found in block.scores.items() if len(found) >= MIN_DESIGNS], 2)
     }
     p_values = np.array([rank_sum(*values) for values in known.values()])
+    least = holm(np.array([least_p([(len(some), len(others))]) for some, others in known.values()]))
     pairs = [
-        _pair(blocks[k], first, second, p, corrected)
-        for (k, first, second), p, corrected in zip(known, p_values.tolist(), holm(p_values).tolist(), strict=True)
+        _pair(blocks[k], first, second, *found)
+        for (k, first, second), *found in zip(
+            known, p_values.tolist(), holm(p_values).tolist(), least.tolist(), strict=True
+        )
     ]
     sizes = sorted({min(map(len, both)) for both in known.values()})
     compared_blocks = {k for k, _, _ in known}
@@ -150,7 +162,7 @@ def _values(block: Block, first: str, second: str) -> tuple[Floats, Floats]:
     return block.values(first), block.values(second)
 
 
-def _pair(block: Block, first: str, second: str, p_value: float, p_holm: float) -> PairOnMission:
+def _pair(block: Block, first: str, second: str, p_value: float, p_holm: float, least: float) -> PairOnMission:
     values, scores = _values(block, first, second), [block.scores[one].to_numpy(float) for one in (first, second)]
     paired = (block.sign * (block.scores[first] - block.scores[second])).dropna().to_numpy(float)
     return PairOnMission(
@@ -162,6 +174,7 @@ def _pair(block: Block, first: str, second: str, p_value: float, p_holm: float) 
         means=difference_of_means(*scores),
         p_value=p_value,
         p_holm=p_holm,
+        least_p=least,
         p_paired=signed_rank(paired) if len(paired) >= MIN_DESIGNS else None,
     )
 
@@ -173,10 +186,12 @@ def _pooled(pairs: Sequence[PairOnMission]) -> list[PairPooled]:
         groups.setdefault((pair.block.setting, pair.first, pair.second), []).append(pair)
     several = {key: found for key, found in groups.items() if len(found) > 1}
     p_values = np.array([van_elteren(_values(*pair[:3]) for pair in found) for found in several.values()])
-    corrected = holm(p_values).tolist()
+    least = holm(np.array([least_p([pair.sizes for pair in found]) for found in several.values()]))
     return [
-        PairPooled(*key, tuple(found), p, p_holm)
-        for (key, found), p, p_holm in zip(several.items(), p_values.tolist(), corrected, strict=True)
+        PairPooled(*key, tuple(found), *of_tests)
+        for (key, found), *of_tests in zip(
+            several.items(), p_values.tolist(), holm(p_values).tolist(), least.tolist(), strict=True
+        )
     ]
 
 

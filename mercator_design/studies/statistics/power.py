@@ -1,6 +1,7 @@
 """What a number of designs can show: the smallest difference that the rank-sum test finds, by simulation."""
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from itertools import count
 from typing import NamedTuple
@@ -43,15 +44,20 @@ def designs_needed(n_tests: int, n_missions: int = 1) -> int:
 
     On one mission by the rank-sum test, over several by van Elteren's.
     """
-
-    def least_p(n: int) -> float:
-        if n_missions == 1:
-            return 2.0 / math.comb(2 * n, n)
-        places = np.arange(2 * n, dtype=float)
-        return van_elteren([(places[n:], places[:n])] * n_missions)
-
     level = ALPHA / n_tests
-    return next(n for n in count(2) if least_p(n) <= level)
+    return next(n for n in count(2) if least_p([(n, n)] * n_missions) <= level)
+
+
+def least_p(sizes: Sequence[tuple[int, int]]) -> float:
+    """The p-value if all designs of a method are better than all of another, and no scores are equal.
+
+    Args:
+        sizes: Numbers of designs of both on each mission; the test of one mission is the rank-sum test, that of several
+            van Elteren's.
+    """
+    if len(sizes) == 1:
+        return min(1.0, 2.0 / math.comb(sum(sizes[0]), sizes[0][0]))
+    return van_elteren((np.arange(m, m + n, dtype=float), np.arange(m, dtype=float)) for n, m in sizes)
 
 
 @cache

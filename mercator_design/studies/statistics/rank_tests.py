@@ -95,6 +95,12 @@ class RankedBlocks(NamedTuple):
     distance: float
     p_values: Floats
 
+    @property
+    def least_p(self) -> float:
+        """The least p_value that is possible: if the levels have the same order in all blocks."""
+        k = len(self.mean_ranks)
+        return float(stats.chi2.sf(self.n_blocks * (k - 1), k - 1))
+
 
 def friedman(values: Floats) -> RankedBlocks:
     """Friedman's test, and Nemenyi's of all pairs (Demsar 2006).

@@ -81,6 +81,42 @@ def test_what_the_number_of_designs_can_show_is_said():
     assert "too few designs to compare" in power_sentence(of({("up", "a"): [1], ("up", "b"): [2]}).findings)
 
 
+FEW = "; no difference can be significant with so few designs."
+
+
+def few(n, levels="ab", missions=("up",)):
+    """n designs of each level, which differ as much as they can."""
+    return of({(mission, level): GOOD[:n] if level == "a" else BAD[:n] for mission in missions for level in levels})
+
+
+def test_verdicts_say_if_no_difference_can_be_significant():
+    assert [*headlines(few(3))] == [
+        f"up: a is not distinguishable from b (A = 1.00 (1.00 to 1.00), medians 6 and 2, p = 0.1){FEW}"
+    ]
+    assert next(headlines(few(4))).startswith("up: a is better than b")
+    assert "so few" not in "".join(headlines(few(4)))
+    alike = of({("up", "a"): BAD, ("up", "b"): BAD})
+    assert "so few" not in "".join(headlines(alike))
+
+
+def test_more_tests_need_more_designs():
+    assert "so few" not in "".join(headlines(few(4)))
+    three = few(4, "abc")
+    assert all(pair_sentence(three.table, pair).endswith(FEW) for pair in three.findings.pairs)
+    pooled = few(2, "abc", ("up", "down"))
+    assert all(pooled_sentence(pooled.table, one).endswith(FEW) for one in pooled.findings.pooled)
+    assert not pooled_sentence(pooled.table, few(2, "ab", ("up", "down")).findings.pooled[0]).endswith(FEW)
+    assert ranks_sentence(three.table, few(2, "abc").findings.ranks[0]).endswith("is shown; none can be by so few.")
+    assert "none can be" not in ranks_sentence(three.table, three.findings.ranks[0])
+
+
+def test_a_pair_of_many_designs_may_differ_beside_one_of_few():
+    """The correction of a pair counts the pairs that may have lower p-values."""
+    results = of({("few", "a"): GOOD[:2], ("few", "b"): BAD[:2], ("many", "a"): range(9, 18), ("many", "b"): range(9)})
+    assert [pair.least_p for pair in results.findings.pairs] == [1 / 3, 4 / 48620]
+    assert results.findings.pairs[1].p_holm == results.findings.pairs[1].least_p
+
+
 def test_what_cannot_be_compared_is_said():
     one = of({("up", "a"): GOOD})
     assert [*headlines(one)] == ["up: a has a median score of 7 (6 to 8), of 5 designs."]

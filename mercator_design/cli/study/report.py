@@ -9,7 +9,7 @@ from mercator_design.cli.options import FOLDER
 from mercator_design.cli.terminal import terminal_width, wrapped
 from mercator_design.command import print_note, print_result
 from mercator_design.show.study.folder import FIGURES, PAGE, TABLES, write_study
-from mercator_design.show.study.verdicts import headlines, score_sentences
+from mercator_design.show.study.verdicts import headlines, score_sentences, unfinished_sentence
 from mercator_design.studies.reading import read_status, study_table
 
 
@@ -32,9 +32,10 @@ def write_results(folder: Path) -> None:
     """
     table, status = study_table(folder), read_status(folder)
     print_note("Report: comparing designs, and drawing the figures ...")
-    results = write_study(folder, table, shlex.join(["mdesign", "study", "report", str(folder)]))
-    if not status.is_done:
-        print_result(f"Unfinished: of {status.counts['done']} of {len(status.cells)} designs.")
+    unfinished = unfinished_sentence(status)
+    results = write_study(folder, table, shlex.join(["mdesign", "study", "report", str(folder)]), unfinished)
+    if unfinished:
+        print_result(unfinished)
     scores = score_sentences(table) if len(table.levels) > 1 else ()
     for sentence in (*headlines(results), *scores):
         print_result(wrapped(sentence, terminal_width()))

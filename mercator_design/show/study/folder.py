@@ -14,13 +14,14 @@ from mercator_design.system.files import write_text, writing
 PAGE, TABLES, FIGURES = "report.html", "tables", "figures"
 
 
-def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
+def write_study(folder: Path, table: StudyTable, command: str, unfinished: str = "") -> StudyResults:
     """Analyse a study and write its page, tables and figures to a folder, which is made.
 
     Args:
         folder: The folder of the study; or another one, whose page then has no plan.
         table: Its results.
         command: The command that makes the files, for the page.
+        unfinished: What the page says of a study that is not done; empty if it is.
 
     Raises:
         MercatorError: The study's plan is damaged, or a file cannot be written.
@@ -34,7 +35,7 @@ def write_study(folder: Path, table: StudyTable, command: str) -> StudyResults:
         f"{TABLES}/study.json": study_json(results),
         f"{TABLES}/scores.tex": scores_latex(table),
         f"{TABLES}/comparisons.tex": comparisons_latex(results),
-        PAGE: study_page(results, command, what_was_run(folder) if (folder / FACTS).exists() else ""),
+        PAGE: study_page(results, command, what_was_run(folder) if (folder / FACTS).exists() else "", unfinished),
     }
     if len(table.fronts):
         texts[f"{TABLES}/fronts.csv"] = table.fronts.to_csv(index=False, lineterminator="\n")

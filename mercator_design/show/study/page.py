@@ -41,11 +41,18 @@ _FILES = (
 )
 
 
-def study_page(results: StudyResults, command: str, what_was_run: str = "") -> str:
-    """The page; `command` is what made it, and `what_was_run` the section on its plan."""
+def study_page(results: StudyResults, command: str, what_was_run: str = "", unfinished: str = "") -> str:
+    """The page of a study.
+
+    Args:
+        results: Its results.
+        command: The command that makes the page.
+        what_was_run: The section on its plan; empty if there is none.
+        unfinished: Of how many designs the results are, if the study is not done; else empty.
+    """
     body = "".join(
         [
-            _answer(results),
+            _answer(results, unfinished),
             _scores(results),
             _ranks(results),
             _comparisons(results),
@@ -66,12 +73,13 @@ def _listed(sentences: Sequence[str]) -> Html:
     return Html(f"<ul>{''.join(f'<li>{escaped(one)}</li>' for one in sentences)}</ul>" if sentences else "")
 
 
-def _answer(results: StudyResults) -> Html:
+def _answer(results: StudyResults, unfinished: str) -> Html:
     findings = results.findings
     alone = f"Not compared, as fewer than two have two designs: {', '.join(findings.alone)}." * bool(findings.alone)
     return section(
         "answer",
         "Answer",
+        Html(f"<p><strong>{escaped(unfinished)}</strong></p>") if unfinished else "",
         _listed([*headlines(results)]),
         note(unit_sentence(results.table)),
         note(power_sentence(findings)),

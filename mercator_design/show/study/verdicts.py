@@ -7,6 +7,7 @@ from mercator_design.race.elimination.summary import ALPHA
 from mercator_design.show.charts import number
 from mercator_design.show.report.markup import p_text
 from mercator_design.studies.analysis import StudyResults
+from mercator_design.studies.reading import StudyStatus
 from mercator_design.studies.statistics.comparison import (
     REPETITIONS,
     AllByRanks,
@@ -42,6 +43,11 @@ def around(effect: Effect) -> str:
     digits = 1 - math.floor(math.log10(width)) if width > 0 else 6
     value, low, high = (round(one, digits) for one in (effect.value, effect.low, effect.high))
     return f"{number(value)} ({number(low)} to {number(high)})"
+
+
+def unfinished_sentence(status: StudyStatus) -> str:
+    """Of how many designs the results are; empty if all of them are assessed."""
+    return "" if status.is_done else f"Unfinished: of {status.counts['done']} of {len(status.cells)} designs."
 
 
 def unit_sentence(table: StudyTable) -> str:

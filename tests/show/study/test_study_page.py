@@ -237,6 +237,7 @@ def test_the_page_is_well_formed_and_shows_names_as_text(folder):
     assert "mdesign study report new" in page
     assert len(re.findall(r"<svg", page)) == 2 + 1 + 2  # missions, ranks, missions in both realities
     assert "pseudo-replication" in page
+    assert "Unfinished" not in page
 
 
 def test_the_tables_have_all_that_was_found(folder):

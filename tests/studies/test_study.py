@@ -465,6 +465,11 @@ def test_a_race_with_several_seeds_is_a_study(tmp_path, monkeypatch, mdesign):
     other = refusal(mdesign, *race, "--seeds", "3-5", "--method", "random")  # the page would lose what has run
     assert "expected method halving and budget 40, as in the study there, found method random" in other
     assert len(study_table(tmp_path / "studies/aggregation").designs) == 3
+    fewer = refusal(mdesign, *race, "--seeds", "3-4")
+    assert (
+        "expected seeds 3-5 or a larger B, as the study there has these, found seeds 3-4: give another folder" in fewer
+    )
+    assert len(study_table(tmp_path / "studies/aggregation").designs) == 3
     for seeds in ("5-3", "1-10001", "2147483640-2147483641"):  # a study's file has limits
         assert "expected A-B" in refusal(mdesign, *race, "--seeds", seeds)
     assert "--seed is of one race" in refusal(mdesign, *race, "--seeds", "3-5", "--seed", 3)
@@ -497,6 +502,9 @@ def test_the_page_and_files_of_a_study(copied, mdesign):
     assert len((copied / "tables/designs.csv").read_text().splitlines()) == 1 + 7 * 3
     page = (copied / "report.html").read_text()
     assert "mdesign study report" in page
+    unfinished = "Unfinished: of 7 of 8 designs."
+    assert unfinished in out.splitlines()
+    assert page.count(unfinished) == 1
     for fact in ("random, flavour watermelon, options instances=5", "aggregation as near, with duration=1, robots=2"):
         assert f"<td>{fact}</td>" in page
     linked = [link for link in re.findall(r'href="(.+?)"', page) if link[0] != "#"]

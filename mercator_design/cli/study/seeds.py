@@ -1,5 +1,6 @@
 """mdesign race --seeds: the same race with several seeds, which is the smallest study."""
 
+import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,7 +72,8 @@ def run_seeds(
 
     Raises:
         click.UsageError: An option is given that is of one race only.
-        StudyError: The folder has a study of another method or budget, whose results the page would lose.
+        StudyError: The folder has a study of another method or budget, or with more seeds, whose results the page
+            would lose.
     """
     from mercator_design.cli.study.run import checked_study, run_study  # pandas comes with it, which no race needs
     from mercator_design.studies.folder import FACTS, PLAN, read_facts
@@ -101,6 +103,13 @@ def run_seeds(
                 f"{folder}: expected method {', '.join(found[0])} and budget {', '.join(map(str, found[1]))}, as in "
                 f"the study there, found method {method} and budget {budget}: give another folder (-o), or add it to a "
                 f"copy of {folder / PLAN} and run mdesign study"
+            )
+        last = before.seed + before.repetitions - 1
+        if seeds.first == before.seed and seeds.last < last:
+            raise StudyError(
+                f"{folder}: expected seeds {before.seed}-{last} or a larger B, as the study there has these, found "
+                f"seeds {seeds.first}-{seeds.last}: give another folder (-o); mdesign study report "
+                f"{shlex.quote(str(folder))} writes the page of what has run so far"
             )
     run_study(
         checked_study(plan),

@@ -1,6 +1,7 @@
 """The folder of a study: its files, whose it is, and which processes work in it.
 
 study.yaml         the plan, with all defaults and with paths from here, so that folders may be given to others
+files/             copies of the missions and control software that it names, if it needs no other files
 study.json         names and definitions of all that the cells are made of; a changed definition is refused
 cells/MISSION/METHOD/BUDGET/REPETITION/
                    a run folder of its own (results/folder.py), and assessment.json (assessment.py)
@@ -24,14 +25,17 @@ from mercator_design import __version__
 from mercator_design.config.json_data import read_json
 from mercator_design.config.schema import Range
 from mercator_design.config.writing import dump, plain
-from mercator_design.errors import StudyError, excerpt
+from mercator_design.config.yaml_tree import text_of
+from mercator_design.errors import MissionError, StudyError, excerpt
+from mercator_design.missions.mission import parse_mission
 from mercator_design.results.files import is_same
 from mercator_design.studies.layout import Cell, StudyLayout, alike_on_disk
+from mercator_design.studies.plan import StudyMission, StudyPlan
 from mercator_design.studies.resolving import Study
-from mercator_design.system.files import remove_drafts, write_text, writing
+from mercator_design.system.files import remove_drafts, write_bytes, write_text, writing
 
 FACTS, PLAN, CELLS = "study.json", "study.yaml", "cells"
-_LOCKS, _WHOLE, _FACTS_LOCK = "locks", "study", "facts"
+_FILES, _LOCKS, _WHOLE, _FACTS_LOCK = "files", "locks", "study", "facts"
 _FORMAT = 1
 _MAX_CHANGES = 10
 _MAX_WAIT = 30.0
@@ -105,8 +109,8 @@ class StudyFolder:
                     facts = _facts_of(path, study)
                     for name in (FACTS, PLAN):
                         remove_drafts(path / name)
-                    write_text(path / PLAN, dump(study.plan.seen_from(path)))
                     write_text(path / FACTS, json.dumps(plain(facts), indent=1) + "\n")
+                    write_text(path / PLAN, dump(study.plan.seen_from(path, _copied(path, study.plan))))
                 return cls(path, facts, locks.pop_all())
 
 
@@ -176,6 +180,38 @@ def _facts_of(path: Path, study: Study) -> StudyFacts:
         definition=definition,
         layout=study.layout,
     )
+
+
+def _copied(path: Path, plan: StudyPlan) -> dict[str, Path]:
+    """Copy the files of a plan to its study's folder. Returns the copies, by the paths in the plan.
+
+    Nothing is copied if the folder would still need other files. What is in the folder stays where it is. A copy keeps
+    the name of its file, of which its mission may have its own.
+    """
+    named = dict.fromkeys(plan.files.values())
+    if plan.other_files or not all(_is_whole(one) for one in plan.mission_entries if one.mission in named):
+        return {}
+    taken = {file: Path(file).resolve() for file in named if Path(file).resolve().is_relative_to(path.resolve())}
+    copies: dict[str, Path] = {}
+    for file in (one for one in named if one not in taken):
+        folders = (path / _FILES / below for below in ("", *map(str, range(2, len(named) + 2))))
+        copies[file] = next(
+            to for to in (one / Path(file).name for one in folders) if to.resolve() not in taken.values()
+        )
+        taken[file] = copies[file].resolve()
+        copies[file].parent.mkdir(parents=True, exist_ok=True)
+        remove_drafts(copies[file])
+        write_bytes(copies[file], Path(file).read_bytes())
+    return copies
+
+
+def _is_whole(entry: StudyMission) -> bool:
+    """Whether a mission's file names no other files."""
+    try:
+        parse_mission(text_of(Path(entry.mission or ""), error=MissionError), files=False, overrides=entry.set)
+    except MissionError:
+        return False
+    return True
 
 
 def _changes(now: Any, before: Any, place: str, *, grows: bool) -> Iterator[str]:  # noqa: ANN401 - JSON

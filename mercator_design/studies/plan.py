@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
 from mercator_design.config import shipped
@@ -171,16 +172,18 @@ class StudyPlan(FromFile):
         """The number of designs, of which none is made for it: a plan may ask for any number."""
         raced = len(self.budgets) * (self.repetitions or 0)
         of_mission = sum(raced if one.files is None else len(one.files) for one in self.methods.values())
-        entries = (len(one.seeds or (None,)) if isinstance(one, StudyMission) else 1 for one in self.missions)
-        return of_mission * sum(entries) * max(1, len(self.robot_models))
+        entries = sum(len(one.seeds or (None,)) for one in self.mission_entries)
+        return of_mission * entries * max(1, len(self.robot_models))
+
+    @property
+    def mission_entries(self) -> tuple[StudyMission, ...]:
+        """The missions, also those that are given by their names or files alone."""
+        return tuple(one if isinstance(one, StudyMission) else StudyMission(mission=one) for one in self.missions)
 
     @property
     def files(self) -> Mapping[str, str]:
         """The files of missions and of control software, by the paths of their keys."""
-        missions = {
-            f"missions[{index}]": one.mission if isinstance(one, StudyMission) else one
-            for index, one in enumerate(self.missions)
-        }
+        missions = {f"missions[{index}]": one.mission for index, one in enumerate(self.mission_entries)}
         made = {
             f"methods.{name}.files[{index}]": file
             for name, method in self.methods.items()
@@ -188,8 +191,15 @@ class StudyPlan(FromFile):
         }
         return {key: file for key, file in missions.items() if file is not None and not is_name(file)} | made
 
-    def seen_from(self, folder: Path) -> "StudyPlan":
-        """This plan with paths that start from a folder."""
+    @property
+    def other_files(self) -> list[str]:
+        """The files of plugins, flavours and robot models."""
+        flavours = (method.race_flavour for method in self.methods.values())
+        named = (*self.plugins, *self.robot_models, *self.assess.realities, *flavours)
+        return [one for one in named if isinstance(one, str) and not is_name(one)]
+
+    def seen_from(self, folder: Path, copies: Mapping[str, Path] = MappingProxyType({})) -> "StudyPlan":
+        """This plan with paths that start from a folder, and those of copies instead of their originals."""
         start = folder.resolve()
 
         def moved(given: Any) -> Any:  # noqa: ANN401 - names and paths, and what has them
@@ -199,7 +209,9 @@ class StudyPlan(FromFile):
                 return replace(given, mission=moved(given.mission))
             if isinstance(given, StudyMethod):
                 return replace(given, flavour=moved(given.flavour), files=moved(given.files))
-            return os.path.relpath(given, start) if isinstance(given, str) and not is_name(given) else given
+            if not isinstance(given, str) or is_name(given):
+                return given
+            return os.path.relpath(copies[given].resolve() if given in copies else given, start)
 
         return replace(
             self,

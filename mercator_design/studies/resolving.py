@@ -196,10 +196,10 @@ class _Wrong(list[str]):
 def _missions(plan: StudyPlan, wrong: _Wrong) -> list[tuple[str, str, Mission]]:
     """The missions of a plan, with their places and names."""
     found: list[tuple[str, str, Mission]] = []
-    for index, entry in enumerate(plan.missions):
+    for index, entry in enumerate(plan.mission_entries):
         where = plan.where(f"missions[{index}]")
         for mission in wrong.attempt(where, _of_entry, entry) or ():
-            name = (entry.name if isinstance(entry, StudyMission) else None) or mission.name
+            name = entry.name or mission.name
             others = [other for _, other, _ in found]
             if name in others:
                 wrong.append(f"{where}: expected missions of different names, found {name} twice: {_RENAME}")
@@ -210,9 +210,7 @@ def _missions(plan: StudyPlan, wrong: _Wrong) -> list[tuple[str, str, Mission]]:
     return found
 
 
-def _of_entry(entry: str | StudyMission) -> list[Mission]:
-    if isinstance(entry, str):
-        return [load_mission(entry)]
+def _of_entry(entry: StudyMission) -> list[Mission]:
     if entry.sample is not None:
         return [sample_mission(entry.sample, seed=seed) for seed in entry.seeds or ()]
     return [load_mission(entry.mission or "", entry.set)]

@@ -20,6 +20,7 @@ from mercator_design.serve.client.fetch import fetch_folder
 from mercator_design.serve.client.follow import events_of
 from mercator_design.serve.service import Service
 from mercator_design.software.files import fsm_of, read_fsm
+from mercator_design.studies.plan import load_plan
 from tests.processes import wait_until
 from tests.serve.own_study import FILES, OWN, OWN_TOTAL
 from tests.serve.serving import serving
@@ -113,6 +114,8 @@ def test_a_study_with_own_files_from_its_submission_to_its_tables(client, servic
     assert hand == fsm_of(FILES["made/by-hand.txt"], "").software
     assert load_mission(folder / "cells/short/random/20/1/mission.yaml").duration == 1
     assert '<iframe class="report"' in httpx.get(f"{server}/jobs/{job}/race").text
+    assert all(Path(file).is_relative_to(folder) for file in load_plan(folder / "study.yaml").files.values())
+    assert client("study", folder / "study.yaml", "-o", folder, "--dry-run")[0] == 0
     for file in filter(Path.is_file, folder.rglob("*")):
         assert str(service.data).encode() not in file.read_bytes(), file
 

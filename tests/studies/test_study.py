@@ -394,6 +394,44 @@ def test_a_plan_is_read_again_as_it_is_written(done, tmp_path):
     assert parse((done / "study.yaml").read_text(), StudyPlan, error=StudyError) == written
 
 
+def test_a_study_with_own_files_runs_from_its_folder_alone(tmp_path, mdesign):
+    own, moved = tmp_path / "own", tmp_path / "elsewhere" / "moved"
+    text = shipped.missions()["aggregation"].read_text().replace("duration: 120", "duration: 1")
+    files = {"short.yaml": text, "other/short.yaml": text.replace("robots: 3", "robots: 2"), "made/walk.txt": WALK}
+    for name, content in files.items():
+        (own / name).parent.mkdir(parents=True, exist_ok=True)
+        (own / name).write_text(content + "\n")
+    plan = MADE.replace("[a.txt, b.txt]", "[made/walk.txt]")
+    plan = re.sub("missions: .*", "missions: [short.yaml, {mission: other/short.yaml, name: other}]", plan)
+    plan_file(own, plan)
+    assert mdesign("study", own / "small.yaml", "-o", own / "done")[0] == 0
+    assert mdesign("study", own / "done/study.yaml", "-o", own / "done")[0] == 0  # whose copies are of themselves
+    moved.parent.mkdir()
+    shutil.move(own / "done", moved)
+    shutil.rmtree(own)
+    written = load_plan(moved / "study.yaml")
+    assert [Path(file).relative_to(moved).as_posix() for file in written.files.values()] == [
+        "files/short.yaml", "files/2/short.yaml", "files/walk.txt"
+    ]  # fmt: skip
+    before = contents(moved)
+    code, _, err = mdesign("study", moved / "study.yaml", "-o", moved, "--set", "assess.runs=3")
+    assert code == 0, err
+    assert contents(moved) != before
+    assert mdesign("study", "report", moved)[0] == 0
+    assert 'href="cells/other/hand/0/1/fsm.txt"' in (moved / "report.html").read_text()
+
+
+def test_a_study_that_needs_other_files_copies_none(tmp_path, mdesign):
+    (tmp_path / "model.yaml").write_text(shipped.robot_models()["mercator"].read_text())
+    text = shipped.missions()["aggregation"].read_text()
+    (tmp_path / "own.yaml").write_text(text.replace("robot_model: mercator", "robot_model: ./model.yaml"))
+    plan = plan_file(tmp_path, PLAN.replace("mission: aggregation", "mission: ./own.yaml"))
+    with StudyFolder.open(tmp_path / "done", resolve(load_plan(plan))):
+        stored = load_plan(tmp_path / "done/study.yaml").files["missions[0]"]
+        assert Path(stored).resolve() == tmp_path / "own.yaml"
+        assert not (tmp_path / "done/files").exists()
+
+
 def test_cells_of_first_repetitions_come_first(tmp_path):
     cells = resolve(load_plan(plan_file(tmp_path))).layout.cells
     assert [cell.repetition for cell in cells] == [1] * 4 + [2] * 4

@@ -21,7 +21,7 @@ from mercator_design.serve.workers.races import PagePart
 from mercator_design.serve.workers.sources import MissionSource, check_limits
 from mercator_design.show.report.markup import section, table
 from mercator_design.studies.folder import FACTS
-from mercator_design.studies.plan import StudyMission, StudyPlan
+from mercator_design.studies.plan import StudyPlan
 from mercator_design.studies.reading import STATES, read_status
 from mercator_design.studies.resolving import resolve
 
@@ -115,8 +115,7 @@ def _mistakes(plan: StudyPlan, folder: Path, files: Mapping[str, str], limits: U
             yield f"{plan.where(key)}: expected a file that is sent with the study, {found(file)}"
     for file in sorted(files.keys() - {*named.values()}):
         yield f"{file}: expected only files that the missions and methods of the study name, found one more"
-    for index, entry in enumerate(plan.missions):
-        given = entry if isinstance(entry, StudyMission) else StudyMission(mission=entry)
+    for index, given in enumerate(plan.mission_entries):
         file = named.get(f"missions[{index}]", "")
         if given.mission is None or (file and file not in files):
             continue

@@ -30,7 +30,7 @@ def what_was_run(folder: Path) -> Html:
     cells = sorted(facts.layout.cells, key=lambda cell: (cell.mission, cell.method, cell.budget))
     groups = groupby(cells, key=lambda cell: (cell.mission, cell.method, cell.budget))
     links = [
-        (mission, method, budget or "by hand", Html(", ".join(_links(folder, plan, [*group]))))
+        (mission, method, budget or "by hand", Html(", ".join(_links(folder, [*group]))))
         for (mission, method, budget), group in groups
     ]
     command = Html(f"<code>mdesign report {CELLS}/MISSION/METHOD/BUDGET/REPETITION</code>")
@@ -48,8 +48,8 @@ def _facts(folder: Path, facts: StudyFacts, plan: StudyPlan) -> Iterator[tuple[s
     yield "description", plan.description
     for name, method in plan.methods.items():
         yield f"method {name}", _method(method, layout.flavours.get(name, ""))
-    for entry in plan.missions:
-        yield "mission", _mission(entry) if isinstance(entry, StudyMission) else Path(entry).name
+    for entry in plan.mission_entries:
+        yield "mission", _mission(entry)
     yield "robot models (design)", ", ".join(sorted({one.robot_model for one in layout.missions.values()}))
     if races := any(n is None for n in layout.methods.values()):
         yield "budgets", f"{', '.join(map(str, layout.budgets))} experiments"
@@ -97,17 +97,15 @@ def _mission(entry: StudyMission) -> str:
     return what + f", with {', '.join(entry.set)}" * bool(entry.set)
 
 
-def _links(folder: Path, plan: StudyPlan, cells: list[Cell]) -> Iterator[str]:
+def _links(folder: Path, cells: list[Cell]) -> Iterator[str]:
     """A link to each design that exists, with one to its report."""
     for cell in cells:
         path = Path(CELLS, cell.path)
-        files = plan.methods[cell.method].files if cell.method in plan.methods else None
-        winner = Path(files[cell.repetition - 1]) if files else path / FSM
-        yield _link(folder, winner, str(cell.repetition)) + (
+        yield _link(folder, path / FSM, str(cell.repetition)) + (
             f" ({_link(folder, path / REPORT, 'report')})" if (folder / path / REPORT).exists() else ""
         )
 
 
 def _link(folder: Path, file: Path, text: str) -> str:
-    is_there = not file.is_absolute() and (folder / file).exists()
+    is_there = (folder / file).exists()
     return f'<a href="{escaped(quote(file.as_posix()))}">{escaped(text)}</a>' if is_there else escaped(text)

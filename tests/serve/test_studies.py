@@ -16,6 +16,7 @@ from mercator_design.serve.jobs.operations import LimitReached, NotPossible
 from mercator_design.serve.jobs.processes import Launcher
 from mercator_design.serve.settings import UserLimits
 from mercator_design.studies.folder import lock_file
+from mercator_design.studies.plan import load_plan
 from tests.serve.own_study import FILES, OWN, OWN_TOTAL
 from tests.serve.serving import serving
 
@@ -31,6 +32,7 @@ methods: {random: {method: random}, few: {method: random, options: {instances: 5
 missions: [{mission: aggregation, set: [duration=1, robots=2]}]
 assess: {runs: 3}
 """
+UNNAMED = TEXT.replace("name: small\n", "")
 TOTAL = 4 * (20 + 3)
 REQUEST = StudyRequest(study="", study_text=TEXT, budget=TOTAL)
 
@@ -156,6 +158,8 @@ def test_its_command(house):
     text = f".service/jobs/{job}/study/study.yaml"
     assert command == ["study", "run", text, "-o", job, "--report", "--jobs", "2", "--quiet"]
     assert (house.data / text).read_text() == TEXT
+    unnamed = StudyRequest(study="", study_text=TEXT, study_name="my study", budget=100)
+    assert '--set=name="my study"' in launch.command(house.jobs.submit("ann", "my study", "", unnamed).job)
     named = house.jobs.submit("ann", "maple", "", StudyRequest(study="maple", budget=100)).id
     assert launch.command(house.store.read(named))[:5] == ["study", "run", "maple", "-o", named]
 
@@ -171,6 +175,24 @@ class TestSubmitting:
         assert ann.get(f"{JOBS}/{job['id']}").json() == job
         assert bob.get(f"{JOBS}/{job['id']}").status_code == 404
         assert quiet.service.store.request(job["id"]).study_text == TEXT
+
+    @pytest.mark.parametrize(
+        ("text", "given", "name"),
+        [
+            (TEXT, "mine", "small"),
+            (UNNAMED, "1", "1"),
+            (UNNAMED, "", "study"),
+            (f"name: mine\n{UNNAMED}", "mine", "mine"),
+        ],
+    )
+    def test_its_name_is_that_of_its_text_or_one_that_is_given(self, ann, quiet, text, given, name):
+        answer = ann.post(STUDIES, json={"study_text": text, "study_name": given})
+        assert answer.status_code == 201, answer.text
+        job = answer.json()["job"]
+        assert job["name"] == name
+        command = Launcher(quiet.service.store, quiet.service.settings, 1).command(quiet.service.store.read(job["id"]))
+        overrides = [one.removeprefix("--set=") for one in command if one.startswith("--set=")]
+        assert load_plan(quiet.service.store.data / command[2], overrides).name == name
 
     def test_a_shipped_one_is_beyond_the_usual_limit(self, ann):
         answer = ann.post(STUDIES, json={"study": "maple"})

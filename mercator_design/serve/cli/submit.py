@@ -142,4 +142,4 @@ def _study(name: str) -> dict[str, Any] | None:
             files[Path(path).relative_to(folder).as_posix()] = text_of(Path(path), error=StudyError)
         except StudyError as error:
             raise StudyError(*(f"{plan.where(key)}: {message}" for message in error.messages)) from None
-    return {"study_text": text_of(file, error=StudyError), "files": files}
+    return {"study_text": text_of(file, error=StudyError), "study_name": plan.name, "files": files}

@@ -47,8 +47,10 @@ def submit_study(
         response.status_code = 200
     else:
         service.jobs.check_disk(user.name)
-    checked = service.workers.run(check_study, body.study, body.study_text, body.files, service.settings.limits)
-    request = StudyRequest(**body.model_dump(), budget=checked.experiments)
+    given = (body.study, body.study_text, body.study_name, body.files)
+    checked = service.workers.run(check_study, *given, service.settings.limits)
+    name = body.study_name if body.study_name == checked.name else ""
+    request = StudyRequest(**body.model_dump() | {"study_name": name}, budget=checked.experiments)
     row = service.jobs.submit(user.name, checked.name, "", request, key)
     response.headers["Location"] = f"{router.prefix}/jobs/{row.id}"
     return Submitted(job=JobAnswer.of(row), warnings=list(checked.warnings))

@@ -61,6 +61,7 @@ class StudyRequest:
     kind: Literal["study"] = "study"
     study: str  # name of a shipped study; empty: study_text is one
     study_text: str | None = None  # of a study's file; of a job's file, it is in a file beside it, as `files` are
+    study_name: str = ""  # if the text has none
     files: Mapping[str, str] = field(default_factory=dict)  # texts that the study's text names, by their paths in it
     budget: Annotated[int, Range(1, MAX_BUDGET)]  # experiments of the whole at most, with those of the assessments
     priority: Annotated[int, Range(-MAX_PRIORITY, MAX_PRIORITY)] = 0  # as of races

@@ -1,5 +1,6 @@
 """The processes of jobs: `mdesign race` or `mdesign study run` in a folder each."""
 
+import json
 import subprocess
 import sys
 from functools import cached_property
@@ -56,6 +57,7 @@ class Launcher:
         text = str(self._store.folder(job.id).relative_to(self._store.data) / request.FILE)
         if isinstance(request, StudyRequest):
             command = ["study", "run", request.study or text, "-o", job.id, "--report"]  # its page is its result
+            command += [f"--set=name={json.dumps(request.study_name)}"] if request.study_name else []
         else:
             command = self._of_race(job.id, request, text)
         command += ["--jobs", str(self._cores), "--quiet"]

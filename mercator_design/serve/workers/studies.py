@@ -41,12 +41,15 @@ class CheckedStudy:
     warnings: tuple[str, ...]
 
 
-def check_study(study: str, text: str | None, files: Mapping[str, str], limits: UserLimits) -> CheckedStudy:
+def check_study(
+    study: str, text: str | None, study_name: str, files: Mapping[str, str], limits: UserLimits
+) -> CheckedStudy:
     """Check a study, and that its races can begin.
 
     Args:
         study: The name of a shipped one.
         text: Instead of it, the text of a study's file.
+        study_name: Its name, if the text has none; or empty.
         files: The texts that this names, by their paths beside it.
         limits: Limits of the service.
 
@@ -59,7 +62,7 @@ def check_study(study: str, text: str | None, files: Mapping[str, str], limits: 
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(content, encoding="utf-8", newline="")
         try:
-            return _checked(_plan(study, text, folder), folder, files, limits)
+            return _checked(_plan(study, text, study_name, folder), folder, files, limits)
         except MercatorError as error:
             raise StudyError(*(one.replace(f"{folder}/", "") for one in error.messages)) from None
 
@@ -85,12 +88,11 @@ def _checked(plan: StudyPlan, folder: Path, files: Mapping[str, str], limits: Us
     return CheckedStudy(name=plan.name, experiments=experiments, warnings=(*warnings,))
 
 
-def _plan(study: str, text: str | None, folder: Path) -> StudyPlan:
+def _plan(study: str, text: str | None, study_name: str, folder: Path) -> StudyPlan:
     if text is not None:
         file = Path(StudyRequest.FILE)
-        own: StudyPlan = parse(
-            text, StudyPlan, error=StudyError, label=file.name, folder=folder, defaults={"name": file.stem}
-        )
+        defaults = {"name": study_name or file.stem}
+        own: StudyPlan = parse(text, StudyPlan, error=StudyError, label=file.name, folder=folder, defaults=defaults)
         return own
     name = shipped.named(study, known := shipped.studies(), "study")
     text = text_of(known[name], error=StudyError)

@@ -25,8 +25,9 @@
       try { files[file.name] = decoder.decode(await file.arrayBuffer()); } catch { throw new Error(`${file.name}: expected UTF-8 text`); }
     }
     const text = at("text").value;
+    const { shipped } = at("new").dataset;
     const isShipped = text === initial && !Object.keys(files).length;
-    return { ...(isShipped ? { study: at("new").dataset.shipped } : { study_text: text, files }), priority: Number(at("priority").value) };
+    return { ...(isShipped ? { study: shipped } : { study_text: text, study_name: shipped, files }), priority: Number(at("priority").value) };
   }
   const submission = Mercator.submission("/studies", place, tell);
   at("new").addEventListener("submit", (event) => {

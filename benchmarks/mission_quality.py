@@ -60,7 +60,7 @@ from mercator_design.studies.table import DESIGN_MODEL, StudyTable
 
 FRESH = 300
 FRESH_BEFORE = 200
-"""Of the rows that do not tell their number."""
+"""The number of fresh instances of the rows without a number of runs."""
 RANDOM = 200
 HEADROOM = 0.05
 

@@ -77,6 +77,6 @@ def replay(
 
 
 def _by(shown: ShownExperiment) -> str:
-    """What a score is by, if the mission has several objectives without weights."""
+    """The name of the objective of a score in words; empty if the mission has one, or weights for several."""
     mission = shown.mission
     return f" by {mission.objective_names[0]}" if mission is not None and mission.is_ranked_by_all else ""

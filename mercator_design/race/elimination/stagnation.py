@@ -111,7 +111,7 @@ def judged(
 
 
 class Counted(Protocol):
-    """What a summary of an iteration, or its event, tells of a pause."""
+    """The fields of an iteration by which `stagnates` counts: a summary and an event of its end have them."""
 
     @property
     def postselection(self) -> bool: ...

@@ -16,7 +16,7 @@ from mercator_design.race.session.events import ExperimentDone, ScoreRevised
 _ROW = struct.Struct("<IIIdQ9p")
 """Iteration, configuration, instance, score, seed; up to 8 bytes of the digest of what happened, with their number."""
 MAX_NUMBER = 2**32 - 1
-"""Of an experiment, and of what it refers to."""
+"""The largest number that an experiment or an instance may have: a row has 32 bits for it."""
 _NO_ROW = bytes(_ROW.size)
 _MAX_SEED, _MAX_OUTCOME = 2**64 - 1, 8
 

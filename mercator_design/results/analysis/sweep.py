@@ -78,12 +78,12 @@ class CurvePoint(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SettingSweep:
-    """What is to be run.
+    """The runs of a sweep: each design at each value on each instance.
 
-    key: The path of what varies.
-    settings: Of its values.
-    designs: What is measured.
-    seeds: Of the instances.
+    key: The path of the setting that varies.
+    settings: The mission and robots at each value of the setting.
+    designs: The control software that is measured.
+    seeds: The seeds of the instances.
 
     Raises:
         SimulationError: There is no value, design or seed, or two designs have one name.
@@ -103,23 +103,23 @@ class SettingSweep:
 
     @cached_property
     def objectives(self) -> dict[str, ScoreRange]:
-        """What scores are by, with their ranges at the first value that has them."""
+        """The names of the objectives, each with the range of its scores at the first value that has it."""
         return dict(item for own in reversed(self._ranges) for item in own.items())
 
     @cached_property
     def _ranges(self) -> list[dict[str, ScoreRange]]:
-        """What the scores at each value are by; nothing where a value is impossible."""
+        """For each value the names of its objectives, with the ranges of their scores; none for an impossible value."""
         return [{} if one.simulator is None else one.simulator.mission.compared_by() for one in self.settings]
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Those of the table of runs."""
+        """The columns of the table of runs."""
         place = COLUMNS.index("score")
         return (*COLUMNS[:place], OBJECTIVE, *COLUMNS[place:]) if any(self.objectives) else COLUMNS
 
     @property
     def unit(self) -> str:
-        """That of the key, such as "s" of duration; empty if it has none."""
+        """The unit of the values of the setting, such as "s" for duration; empty if they have none."""
         simulator = next((one.simulator for one in self.settings if one.simulator is not None), None)
         *above, name = self.key.removeprefix(OF_ROBOTS).split(".")
         place: Any = getattr(simulator, "robot_model" if self.key.startswith(OF_ROBOTS) else "mission", None)
@@ -129,7 +129,10 @@ class SettingSweep:
 
     @property
     def definition(self) -> dict[str, Any]:
-        """What its scores depend on, by digests: that which may grow are maps and the seeds."""
+        """Digests of all that the scores depend on, as plain data.
+
+        A sweep that continues another one may have more values, designs and seeds.
+        """
         found = [one.simulator for one in self.settings]
         return {
             "key": self.key,
@@ -146,7 +149,7 @@ class SettingSweep:
         }
 
     def differences(self, earlier: Mapping[str, Any]) -> list[str]:
-        """What differs from the definition of an earlier sweep, which this one does not continue; empty if it does."""
+        """The reasons why this sweep does not continue an earlier one with a definition; none if it continues it."""
         now, key = self.definition, earlier["key"]
         if key != self.key:
             return [f"--over: expected {key}, found {self.key}"]
@@ -189,7 +192,7 @@ class SettingSweep:
         return ""
 
     def digest(self, setting: int, design: int) -> str:
-        """Of all that the scores of a design at a value depend on, but the seeds; empty if it is impossible."""
+        """A digest of all but the seeds that the scores of a design at a value depend on; empty if it is impossible."""
         simulator, software = self.settings[setting].simulator, self.designs[design].software
         if simulator is None:
             return ""

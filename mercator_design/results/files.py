@@ -11,6 +11,7 @@ from mercator_design.config.json_data import from_json
 from mercator_design.config.schema import Kind, Range
 from mercator_design.designer import GOAL, Designer
 from mercator_design.errors import RaceError, excerpt
+from mercator_design.missions.mission import load_mission
 from mercator_design.race import Space
 from mercator_design.race.irace.tuner import Tuner
 from mercator_design.race.methods.table import METHODS
@@ -111,6 +112,15 @@ def possible_scores(path: Path) -> ScoreRange:
         return read_provenance(path).possible_scores
     except RaceError:
         return ANY_SCORE
+
+
+def scores_by_objective(path: Path, start: Mapping[str, Any]) -> Mapping[str, ScoreRange]:
+    """The ranges of the scores of a race by each of its objectives; one without a name, if there are not several.
+
+    Raises:
+        MissionError: It has several, and its mission, which tells them, cannot be read.
+    """
+    return load_mission(path / "mission.yaml").compared_by() if GOAL in start else {"": possible_scores(path)}
 
 
 def without_provenance(path: Path) -> str:

@@ -7,13 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from mercator_design.designer import GIVEN_OPTIONS, GOAL
+from mercator_design.designer import GIVEN_OPTIONS
 from mercator_design.errors import MissionError, RaceError, StudyError
-from mercator_design.missions.mission import load_mission
 from mercator_design.race.session.record import Record
 from mercator_design.results.analysis.comparison import winner_tests
 from mercator_design.results.analysis.front import file_on_front
-from mercator_design.results.files import JOURNAL, possible_scores, read_journal
+from mercator_design.results.files import JOURNAL, read_journal, scores_by_objective
 from mercator_design.scores import ScoreRange
 from mercator_design.studies.assessment import front_scores, read_assessment
 from mercator_design.studies.statistics.fronts import front_rows
@@ -156,11 +155,8 @@ def _assessed(folder: Path, n_objectives: int) -> dict[str, dict[int, tuple[floa
 
 
 def _possible(folder: Path, start: Mapping[str, Any]) -> Mapping[str, ScoreRange]:
-    """The ranges of the scores of a race by each objective: of several, its mission has them."""
-    if GOAL not in start:
-        return {"": possible_scores(folder)}
     try:
-        return load_mission(folder / "mission.yaml").compared_by()
+        return scores_by_objective(folder, start)
     except MissionError as error:
         raise StudyError(*error.messages) from None
 

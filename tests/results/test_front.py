@@ -105,6 +105,15 @@ def test_runs_show_and_compare_say_what_each_objective_gave(raced, mdesign, tmp_
     assert "objectives: maximise robots_in_zone" in (raced[0] / "run" / "fsm.txt").read_text()
 
 
+def test_runs_show_says_why_tests_by_each_objective_are_not_shown(raced, mdesign, tmp_path):
+    shutil.copytree(raced[0] / "run", tmp_path / "run")
+    (tmp_path / "run/mission.yaml").unlink()
+    code, out, err = mdesign("runs", "show", tmp_path / "run")
+    assert code == 0, err
+    assert "Winner     configuration " in out
+    assert re.search(r"^Not shown: .*mission\.yaml", out, flags=re.MULTILINE)
+
+
 def test_verbs_of_machines_take_a_run_folder_for_its_winner(raced, mdesign):
     folder = raced[0] / "run"
     for verb in ("explain", "lint", "show"):

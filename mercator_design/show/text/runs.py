@@ -10,7 +10,7 @@ from mercator_design.race.elimination.summary import CONFIDENCE, Scores
 from mercator_design.race.session.events import SessionStarted, SessionStopped
 from mercator_design.race.session.journal import Reading
 from mercator_design.race.session.record import Record
-from mercator_design.results.files import TASKS, goal_of, possible_scores, read_journal
+from mercator_design.results.files import TASKS, goal_of, possible_scores, read_journal, scores_by_objective
 from mercator_design.results.listing import COLUMNS, run_of, runs_of
 from mercator_design.show.charts import Axis
 from mercator_design.show.text.columns import aligned, narrowed
@@ -79,13 +79,22 @@ def run_summary(path: Path) -> str:
         lines += ["", *iterations_table(view, possible), *iteration_notes(record), ""]
     if run["winner"] is not None:
         columns, lack = _shown(path, record, run["winner"])
-        tests = {number: Scores(scores, possible) for number, scores in view.test_scores().items()}
-        lines += winner_lines(run["winner"], view, possible)
-        lines += test_lines_by_each(view, goal) if (goal := goal_of(record.start)) else test_lines(view, tests)
-        lines += [""]
+        lines += [*winner_lines(run["winner"], view, possible), *_tests(path, record), ""]
         lines += [f"{value}" if len(columns) == 1 else f"{name} = {value}" for name, [value] in columns.items()]
         lines += [f"Not shown: {message}" for message in lack]
     return "\n".join(map(printable, lines))
+
+
+def _tests(path: Path, record: Record) -> list[str]:
+    """The tests of configurations, or why those by several objectives are not shown."""
+    try:
+        objectives = scores_by_objective(path, record.start)
+    except MercatorError as error:
+        return [f"Not shown: {message}" for message in error.messages]
+    if len(objectives) > 1:
+        return test_lines_by_each(record.view, objectives)
+    (possible,) = objectives.values()
+    return test_lines(record.view, {n: Scores(scores, possible) for n, scores in record.view.test_scores().items()})
 
 
 def _shown(path: Path, record: Record, configuration: int) -> tuple[dict[str, list[Any]], tuple[str, ...]]:

@@ -176,9 +176,8 @@ def test_lines(view: RaceView, tests: Mapping[int, Scores]) -> list[str]:
     return [f"Tested     {how}:", *(f"           {line}" for line in aligned(rows))]
 
 
-def test_lines_by_each(view: RaceView, goal: str) -> list[str]:
-    """As `test_lines`, by each of several objectives, with who is on the front; `goal` is that of the race's start."""
-    goals = goal.replace(" and ", ", ").split(", ")
+def test_lines_by_each(view: RaceView, objectives: Mapping[str, ScoreRange]) -> list[str]:
+    """As `test_lines`, by each of several objectives, with who is on the front."""
     tests: dict[int, list[tuple[float, ...]]] = {}
     for one in view.tests.values():
         if one.scores:
@@ -186,9 +185,10 @@ def test_lines_by_each(view: RaceView, goal: str) -> list[str]:
     if not tests:
         return []
     found = {number: np.array(scores) for number, scores in tests.items()}
-    signs = [-1.0 if one.startswith("maximise") else 1.0 for one in goals]
+    signs = [-1.0 if possible.maximise else 1.0 for possible in objectives.values()]
     is_on = dict(zip(found, nondominated(np.array([signs * one.mean(axis=0) for one in found.values()])), strict=True))
     roles = _roles(view)
+    goals = (f"{'maximise' if possible.maximise else 'minimise'} {name}" for name, possible in objectives.items())
     rows: list[tuple[object, ...]] = [("configuration", "", *goals, "")]
     first: dict[bytes, int] = {}
     for number in dict.fromkeys(one for one in [*roles, *found] if one in found):

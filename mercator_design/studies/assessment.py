@@ -69,14 +69,13 @@ class Assessment:
         Raises:
             StudyError: They are not known by each objective.
         """
+        scores = self.scores.get(reality, ())
         if other:
             rows: list[tuple[float, ...]] = [*self.front[other].by_objective.get(reality, ())]
-            n = len(rows)
         else:
-            found = self.scores.get(reality, ())
-            rows = [*self.by_objective.get(reality, ())] if n_objectives > 1 else [(score,) for score in found]
-            n = len(found)
-        if len(rows) != n or any(len(row) != n_objectives for row in rows):
+            rows = [*self.by_objective.get(reality, ())] if n_objectives > 1 else [(score,) for score in scores]
+        is_other_number = not other and len(rows) != len(scores)
+        if is_other_number or any(len(row) != n_objectives for row in rows):
             raise StudyError(
                 f"expected scores of {reality} by each of {n_objectives} objectives, found others: delete it to assess "
                 "the design again"

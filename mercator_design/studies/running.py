@@ -17,9 +17,11 @@ from mercator_design.race.executors.executor import Executor
 from mercator_design.race.session.events import ExperimentDone
 from mercator_design.race.session.outcome import ExperimentFailed, OnFailure
 from mercator_design.race.session.runner import RaceRun
-from mercator_design.results.files import flat, is_same, read_provenance
+from mercator_design.results.analysis.front import file_on_front
+from mercator_design.results.files import flat, is_same, read_journal, read_provenance, wrong_end
 from mercator_design.results.folder import RunFolder
 from mercator_design.results.provenance import PROVENANCE, Provenance, Request
+from mercator_design.software.architectures import decoded
 from mercator_design.software.files import fsm_file_text, read_fsm
 from mercator_design.studies.assessment import assess, n_missing, others_on_front, read_assessment
 from mercator_design.studies.folder import StudyFolder
@@ -133,6 +135,8 @@ class StudyRun:
             provenance = read_provenance(path)
             self._check(cell, path, provenance)
             if provenance.finished and (path / FSM).exists():
+                if read_assessment(path) is None:
+                    _check_designs(path, provenance)
                 self._note(number, cell, cell.budget, is_new=False)
                 return read_fsm(path / FSM).software
         started = time.monotonic()
@@ -221,3 +225,26 @@ class StudyRun:
                 total=self._total,
             )
         )
+
+
+def _check_designs(path: Path, provenance: Provenance) -> None:
+    """Check that the files of a race that has ended have its designs: the winner, and the others of a front.
+
+    Raises:
+        StudyError: A file has other control software, or the journal has another end.
+        RaceError: The journal cannot be read.
+    """
+    record = read_journal(path).record
+    if missing := wrong_end(path, record):
+        raise StudyError(missing)
+    others = others_on_front(path)
+    numbers = {file_on_front(number): number for number in record.configurations}
+    for file, number in {FSM: provenance.winner, **{name: numbers.get(name) for name in others}}.items():
+        configuration = None if number is None else record.configurations.get(number)
+        if configuration is None or read_fsm(path / file).software != decoded(
+            configuration, provenance.race["flavour"]
+        ):
+            raise StudyError(
+                f"{path / file}: expected configuration {number} of the race, found other control software: delete "
+                f"{path / FSM} to have the designs written again"
+            )

@@ -195,6 +195,19 @@ def test_an_edited_assessment_is_refused(change, expected, copied, tmp_path, mde
         assert "delete it to assess the design again" in err
 
 
+def test_a_winner_that_was_edited_before_its_assessment_is_refused(copied, tmp_path, mdesign):
+    folder = copied / "cells/near/halving/40/1"
+    (folder / ASSESSMENT).unlink()
+    before = (folder / "fsm.txt").read_bytes()
+    (folder / "fsm.txt").write_text("--nstates 1 --s0 1\n")
+    err = refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
+    assert f"{folder / 'fsm.txt'}: expected configuration " in err
+    assert "found other control software: delete" in err
+    (folder / "fsm.txt").unlink()
+    assert mdesign("study", plan_file(tmp_path), "-o", copied)[0] == 0
+    assert (folder / "fsm.txt").read_bytes() == before
+
+
 def test_names_that_differ_only_in_case_share_no_folder(copied, tmp_path, mdesign):
     """Some disks take their folders for one."""
     ignored = "expected names that differ not only in case, which some disks ignore, found "

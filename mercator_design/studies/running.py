@@ -241,10 +241,8 @@ def _check_designs(path: Path, provenance: Provenance) -> None:
     numbers = {file_on_front(number): number for number in record.configurations}
     for file, number in {FSM: provenance.winner, **{name: numbers.get(name) for name in others}}.items():
         configuration = None if number is None else record.configurations.get(number)
-        if configuration is None or read_fsm(path / file).software != decoded(
-            configuration, provenance.race["flavour"]
-        ):
+        if configuration is None or read_fsm(path / file).software != decoded(configuration, record.start["flavour"]):
             raise StudyError(
-                f"{path / file}: expected configuration {number} of the race, found other control software: delete "
-                f"{path / FSM} to have the designs written again"
+                f"{path / file}: expected the design that the race beside it made, found other control software: "
+                f"delete {path / FSM} to have the designs written again"
             )

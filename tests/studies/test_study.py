@@ -201,8 +201,10 @@ def test_a_winner_that_was_edited_before_its_assessment_is_refused(copied, tmp_p
     before = (folder / "fsm.txt").read_bytes()
     (folder / "fsm.txt").write_text("--nstates 1 --s0 1\n")
     err = refusal(mdesign, "study", plan_file(tmp_path), "-o", copied)
-    assert f"{folder / 'fsm.txt'}: expected configuration " in err
-    assert "found other control software: delete" in err
+    assert (
+        f"{folder / 'fsm.txt'}: expected the design that the race beside it made, found other control software: delete "
+        in err
+    )
     (folder / "fsm.txt").unlink()
     assert mdesign("study", plan_file(tmp_path), "-o", copied)[0] == 0
     assert (folder / "fsm.txt").read_bytes() == before

@@ -395,6 +395,22 @@ def test_a_dry_run_says_what_would_run(copied, tmp_path, mdesign):
     assert "standard deviations of a method's designs" in out
 
 
+def test_a_dry_run_closes_an_executor_of_others(tmp_path, mdesign, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "executor_of_test.py").write_text("""
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+class Noting(ThreadPoolExecutor):
+    def shutdown(self, *given, **options):
+        super().shutdown(*given, **options)
+        Path(__file__).with_name("closed").touch()
+""")
+    code, _, err = mdesign("study", plan_file(tmp_path), "--dry-run", "--executor", "executor_of_test:Noting")
+    assert code == 0, err
+    assert (tmp_path / "closed").exists()
+
+
 def test_robot_models_are_a_factor(tmp_path):
     plan = load_plan(plan_file(tmp_path, PLAN + "robot_models: [mercator, mercator-argos]\n"))
     layout = resolve(plan).layout

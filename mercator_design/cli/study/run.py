@@ -1,6 +1,7 @@
 """mdesign study run: runs a study, or what is new in it."""
 
 import gc
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +92,13 @@ def run(
     missions, budgets, realities, instances.
     """
     plan = load_plan(study, overrides)
-    executor = executor_of(executor_name, jobs, scheduler, timeout)
     resolved = checked_study(plan)
+    executor = executor_of(executor_name, jobs, scheduler, timeout)
     folder = output or Path("studies") / plan.name
     if dry_run:
-        print_result(_dry_run(resolved, folder, part, executor.jobs))
+        with ExitStack() as closing:
+            closing.push(executor)  # not entered, as its workers need not begin
+            print_result(_dry_run(resolved, folder, part, executor.jobs))
         return
     run_study(
         resolved,

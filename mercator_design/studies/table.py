@@ -40,6 +40,8 @@ class Block(NamedTuple):
     objective: What the scores are by, if the mission has several objectives without weights; else empty.
     setting: The objective, and the other factors that tell blocks of the table apart; the same for several missions,
         and often empty.
+    setting_by_hand: The same of designs that no race has made, which are in the blocks of all budgets: without the
+        budget.
     scores: Of the designs of each level of the compared factor, by repetition and seed.
     possible: The range of the scores, and whether higher ones are better.
     """
@@ -47,6 +49,7 @@ class Block(NamedTuple):
     mission: str
     objective: str
     setting: str
+    setting_by_hand: str
     scores: Mapping[str, pd.Series]
     possible: ScoreRange
 
@@ -54,6 +57,11 @@ class Block(NamedTuple):
     def name(self) -> str:
         """The mission with the setting."""
         return ", ".join(filter(None, (self.mission, self.setting)))
+
+    @property
+    def name_by_hand(self) -> str:
+        """The mission with the setting of designs that no race has made."""
+        return ", ".join(filter(None, (self.mission, self.setting_by_hand)))
 
     @property
     def sign(self) -> float:
@@ -178,11 +186,13 @@ class StudyTable:
             named = dict(zip(shared, map(str, place), strict=True))
             by_level = {str(level): part for level, part in group.groupby(self.by, sort=False, observed=True)}
             objective = named.get(_OBJECTIVE, "")
-            settings = [objective, *(f"{'budget ' * (name == 'budget')}{named[name]}" for name in shown)]
+            settings = [objective, *(named[name] for name in shown if name != "budget")]
+            budgets = [f"budget {named[name]}" for name in shown if name == "budget"]
             yield Block(
                 mission=named["mission"],
                 objective=objective,
-                setting=", ".join(filter(None, settings)),
+                setting=", ".join(filter(None, [*settings, *budgets])),
+                setting_by_hand=", ".join(filter(None, settings)),
                 scores={
                     level: by_level[level].set_index(["repetition", "seed"])["score"].sort_index()
                     for level in self.levels

@@ -8,6 +8,8 @@ import pytest
 from scipy import stats
 
 from mercator_design.race.elimination.statistics import holm
+from mercator_design.show.study.page import study_page
+from mercator_design.studies.analysis import analysed
 from mercator_design.studies.statistics.comparison import compared, ranks_by_objective, relative_ranks
 from mercator_design.studies.statistics.rank_tests import van_elteren
 from mercator_design.studies.statistics.reality_gap import reality_gap
@@ -160,6 +162,25 @@ def test_a_rank_inversion_is_sure_if_both_differences_are_significant():
     (more,) = found.compared
     assert more.more.value == pytest.approx(6.4)
     assert more.p_value < 0.05
+
+
+def test_a_drop_of_designs_by_hand_counts_once_for_all_budgets():
+    """Holm's correction is for three drops: of the race at both budgets, and of the designs by hand."""
+    rows = run_rows({("m", "a"): range(5, 10)}) + run_rows({("m", "a"): range(4, 9)}, budget=50)
+    rows += run_rows({("m", "hand"): range(1, 6)}, budget=0)
+    there = [row | {"reality": "field", "score": row["score"] - 1.0} for row in rows]
+    table = study_table(rows + there)
+    found = reality_gap(table, compared(table))
+    assert [(drop.block, drop.level) for drop in found.drops] == [
+        ("m, budget 500", "a"),
+        ("m", "hand"),
+        ("m, budget 50", "a"),
+    ]
+    assert [drop.p_value for drop in found.drops] == [3 * 2 / 2**5] * 3 == [drop.least_p for drop in found.drops]
+    assert [one.block for one in found.compared] == ["m, budget 500", "m, budget 50"]
+    page = study_page(analysed(table), "x")
+    assert page.count("median loss of a design of hand") == 1
+    assert page.count("the median loss of a design of a ") == 2
 
 
 def test_an_inversion_without_significance_is_perhaps_one():

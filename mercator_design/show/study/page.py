@@ -1,7 +1,6 @@
 """The page of a study: verdicts, boxes, tests, the reality gap, in one HTML file that makes no request."""
 
 from collections.abc import Sequence
-from itertools import groupby
 
 from mercator_design.errors import excerpt
 from mercator_design.race.elimination.summary import ALPHA
@@ -144,8 +143,9 @@ def _gap(results: StudyResults) -> Html:
     others = study.realities[1:]
     if not others:
         return Html()
-    names = [name for name, _ in groupby(gap.drops, key=lambda one: one.block)]
-    charts = [figure(chart_of_realities(study, name), "") for name in dict.fromkeys(names)]
+    there = {block.name for reality in others for block in study.blocks(reality)}
+    names = [block.name for block in study.blocks(results.findings.reality) if block.name in there]
+    charts = [figure(chart_of_realities(study, name), "") for name in names]
     said = [text for text in headlines(results) if "inversion" in text]
     said += [text for reality in others if (text := correlation_sentence(gap.correlations, reality))]
     rows = [
@@ -163,8 +163,8 @@ def _gap(results: StudyResults) -> Html:
     ]
     about = (
         "The same designs in the model in which they were made, and in others. Losses are tested by the signed-rank "
-        "test, differences of losses by the rank-sum test, both with Holm's correction. A rank inversion is "
-        "significant if both differences are, in the design model and in the other reality."
+        "test, differences of losses by the rank-sum test, both with Holm's correction; a design by hand counts once. "
+        "A rank inversion is significant if both differences are, in the design model and in the other reality."
     )
     return section(
         "gap",

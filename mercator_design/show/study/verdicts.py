@@ -204,7 +204,8 @@ def drop_sentence(table: StudyTable, drop: Drop) -> str:
         return f"{drop.block}: in {drop.reality}, the {word} of the one design of {named(table, drop.level)} is {lost}."
     return (
         f"{drop.block}: in {drop.reality}, the median {word} of a design of {named(table, drop.level)} is "
-        f"{number(abs(drop.median))}{relative}; {p_text(drop.p_value)}."
+        f"{number(abs(drop.median))}{relative}; {p_text(drop.p_value)}"
+        f"{_TOO_FEW * (drop.least_p >= ALPHA)}."
     )
 
 

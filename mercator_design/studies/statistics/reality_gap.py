@@ -30,6 +30,7 @@ class Drop(NamedTuple):
     losses: Of the designs, in the order of their repetitions; positive if they are worse there, also where scores are
         costs.
     p_value: Of no loss, by the signed-rank test, with Holm's correction for all drops.
+    least_p: The least p_value that is possible with so many designs.
     """
 
     block: str
@@ -39,6 +40,7 @@ class Drop(NamedTuple):
     there: float
     losses: Floats
     p_value: float
+    least_p: float
 
     @property
     def median(self) -> float:
@@ -101,8 +103,11 @@ class RealityGap:
 
 
 def reality_gap(table: StudyTable, model: Findings) -> RealityGap:
-    """The gap between the design model, whose findings are known, and each other reality."""
-    drops: list[Drop] = []
+    """The gap between the design model, whose findings are known, and each other reality.
+
+    A design by hand, which is in the blocks of all budgets, has one drop.
+    """
+    drops: dict[tuple[str, str, str], Drop] = {}
     orders: list[Order] = []
     correlations: list[Correlation] = []
     between: list[DropsCompared] = []
@@ -114,13 +119,19 @@ def reality_gap(table: StudyTable, model: Findings) -> RealityGap:
         for block in table.blocks(reality):
             if block.name in blocks:
                 found = list(_drops(blocks[block.name], block, reality))
-                drops += found
+                for one in found:
+                    name = block.name_by_hand if one.level in table.by_hand else block.name
+                    drops[name, reality, one.level] = one._replace(block=name)
                 between += _between(found)
                 correlations += _correlation(blocks[block.name], block, reality)
-    corrected = holm(np.array([one.p_value for one in drops])).tolist()
+    corrected = holm(np.array([one.p_value for one in drops.values()])).tolist()
+    least = holm(np.array([one.least_p for one in drops.values()])).tolist()
     of_pairs = holm(np.array([one.p_value for one in between])).tolist()
     return RealityGap(
-        drops=[one._replace(p_value=p) for one, p in zip(drops, corrected, strict=True)],
+        drops=[
+            one._replace(p_value=p, least_p=least_p)
+            for one, p, least_p in zip(drops.values(), corrected, least, strict=True)
+        ],
         compared=[one._replace(p_value=p) for one, p in zip(between, of_pairs, strict=True)],
         orders=orders,
         correlations=correlations,
@@ -140,7 +151,8 @@ def _drops(model: Block, there: Block, reality: str) -> list[Drop]:
         if len(before):
             medians = model.sign * float(np.median(before)), model.sign * float(np.median(after))
             p_value = signed_rank(before - after)
-            found.append(Drop(model.name, reality, level, *medians, before - after, p_value))
+            least_p = min(1.0, 2.0 ** (1 - len(before)))
+            found.append(Drop(model.name, reality, level, *medians, before - after, p_value, least_p))
     return found
 
 

@@ -132,6 +132,12 @@ def test_the_loss_of_one_design_has_no_test():
     assert said == "up: in x, the loss of the one design of a is 1 (20% of its score)."
 
 
+def test_a_loss_of_few_designs_is_said_to_have_no_significance():
+    rows = run_rows({("up", "a"): BAD}) + run_rows({("up", "a"): [0, 1, 2, 3, 3.5]}, reality="x")
+    found = analysed(study_table(rows))
+    assert drop_sentence(found.table, found.gap.drops[0]).endswith(f"; p = 0.062{FEW}")
+
+
 def test_the_unit_is_said():
     text = unit_sentence(study_table(run_rows({("m", "a"): [[1, 2, 3], [2, 3, 4]]})))
     assert text.startswith("The unit is the design: each is one point, the mean score of 3 runs")

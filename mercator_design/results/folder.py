@@ -47,7 +47,7 @@ from mercator_design.results.provenance import PROVENANCE, Provenance, Request, 
 from mercator_design.results.tables import configuration_rows
 from mercator_design.software.architectures import decoded
 from mercator_design.software.files import fsm_file_text
-from mercator_design.system.csv_text import csv_text
+from mercator_design.system.csv_text import write_csv
 from mercator_design.system.files import remove_drafts, write_bytes, write_text
 
 _RESULTS = "results.csv"
@@ -213,7 +213,7 @@ class RunFolder:
         files: dict[str, Callable[[], None]] = {
             self.task.WINNER: lambda: write_text(self.path / self.task.WINNER, self.task.winner_text(result, header)),
             **self._front_files(),
-            _RESULTS: lambda: write_text(self.path / _RESULTS, self._results()),
+            _RESULTS: lambda: write_csv(self.path / _RESULTS, self._results()),
             PROVENANCE: lambda: write(self.path, finished),
         }
         complete = [JOURNAL]
@@ -249,14 +249,14 @@ class RunFolder:
 
         return {FRONT: write_front}
 
-    def _results(self) -> str:
-        """The configurations that were raced as CSV, the elites first."""
-        (number, *names), rows = configuration_rows(self.journal.record, self.task.possible_scores)
+    def _results(self) -> Iterator[list[Any]]:
+        """The head and the rows of a table of the configurations that were raced, the elites first."""
         elites = [elite.configuration for elite in self.task.optimizer.elites]
         ranks = {configuration: rank for rank, configuration in enumerate(elites, start=1)}
-        rows.sort(key=lambda row: ranks.get(row[0], math.inf))  # others stay in the order of their numbers
-        ranked = ([row[0], ranks.get(row[0]), *row[1:]] for row in rows)
-        return csv_text([[number, "elite_rank", *names], *ranked])
+        (number, *names), rows = configuration_rows(self.journal.record, self.task.possible_scores, first=elites)
+        yield [number, "elite_rank", *names]
+        for row in rows:
+            yield [row[0], ranks.get(row[0]), *row[1:]]
 
     def _header(self) -> dict[str, str]:
         """The header of the winner's file."""

@@ -1,6 +1,6 @@
 """The experiments, tests and configurations of a race as tables."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,6 @@ from mercator_design.scores import ScoreRange
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from mercator_design.race.session.events import ExperimentDone
 
 _OWN = {
     "configuration": "int64",
@@ -71,7 +69,7 @@ def configurations_table(path: Path) -> "pd.DataFrame":
     TASKS[record.start["task"]].recall(path, record.start)
     names, rows = configuration_rows(record, possible_scores(path))
     dtypes = {name: dtype for name, dtype in _DTYPES.items() if name in names}
-    return pd.DataFrame(rows, columns=names, dtype=object).astype(dtypes).set_index("configuration")
+    return pd.DataFrame([*rows], columns=names, dtype=object).astype(dtypes).set_index("configuration")
 
 
 def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
@@ -81,15 +79,19 @@ def _table(rows: Sequence[object], names: Sequence[str]) -> "pd.DataFrame":
     return table.astype({"score": float})
 
 
-def configuration_rows(record: Record, possible: ScoreRange) -> tuple[list[str], list[list[Any]]]:
-    """The columns of `configurations_table`, the number of the configuration first, and its rows.
+def configuration_rows(
+    record: Record, possible: ScoreRange, *, first: Sequence[int] = ()
+) -> tuple[list[str], Iterator[list[Any]]]:
+    """The columns of `configurations_table`, the number of the configuration first, and its rows one by one.
 
     These are plain lists: each race writes them at its end, and pandas takes long to import.
+
+    Args:
+        record: The record of the race.
+        possible: The range of its scores.
+        first: The configurations whose rows come first; those of the others follow in the order of their numbers.
     """
-    experiments: dict[int, list[ExperimentDone]] = {}
-    for one in record.view.results():
-        experiments.setdefault(one.configuration, []).append(one)
-    numbers = sorted(experiments)
+    numbers = list(dict.fromkeys([*first, *sorted(record.experiments.configurations)]))
     configurations = [record.configurations[number] for number in numbers]
     task = TASKS[record.start["task"]]
     task.check(record.start, configurations)
@@ -98,17 +100,19 @@ def configuration_rows(record: Record, possible: ScoreRange) -> tuple[list[str],
     # A parameter of a program may have the name of another column.
     others = [f"{name} (parameter)" if name in _DTYPES else name for name in columns]
     names = [*_OWN, *(_OF_TESTS if tests else ()), "parent", *others]
-    rows: list[list[Any]] = []
-    for k, number in enumerate(numbers):
-        own = experiments[number]
-        found = tuple(one.score for one in own if one.score is not None)
-        scores = Scores(found)
-        row: list[Any] = [number, min(one.iteration for one in own), len(own), len(own) - len(found)]
-        row += [scores.mean if found else None, scores.standard_deviation]
-        if tests:
-            row += _tested(tests.get(number, ()), possible)
-        rows.append([*row, record.parents[number], *(column[k] for column in columns.values())])
-    return names, rows
+
+    def rows() -> Iterator[list[Any]]:
+        for k, number in enumerate(numbers):
+            own = [*map(record.experiments.current, record.experiments.numbers_of(number))]
+            found = tuple(one.score for one in own if one.score is not None)
+            scores = Scores(found)
+            row: list[Any] = [number, min(one.iteration for one in own), len(own), len(own) - len(found)]
+            row += [scores.mean if found else None, scores.standard_deviation]
+            if tests:
+                row += _tested(tests.get(number, ()), possible)
+            yield [*row, record.parents[number], *(column[k] for column in columns.values())]
+
+    return names, rows()
 
 
 def _tested(found: tuple[float, ...], possible: ScoreRange) -> list[float | None]:

@@ -1,5 +1,7 @@
 """What configurations cost as if all had seen the same instances."""
 
+import tracemalloc
+
 import numpy as np
 
 from mercator_design.race.elimination.additive_model import effects, expected, table
@@ -10,8 +12,23 @@ TRUE = np.array([3.0, 1.0, 2.0, 8.0])
 
 def test_a_table_of_costs():
     found = table([{0: 1.0, 3: 2.0}, {}, {1: np.inf}])
-    np.testing.assert_array_equal(found, [[1, np.nan, np.nan, 2], [np.nan] * 4, [np.nan, np.inf, np.nan, np.nan]])
+    np.testing.assert_array_equal(found, [[1, np.nan, 2], [np.nan] * 3, [np.nan, np.inf, np.nan]])
     assert table([]).shape == (0, 0)
+
+
+def test_the_memory_of_an_expectation_is_that_of_few_tables():
+    """Also where most places of the table are empty, as those of all elites of a long race."""
+    costs = np.full((100, 500), np.nan, order="F")
+    costs[:, :10] = np.random.default_rng(1).normal(size=(100, 10))
+    costs[0] = 1.0
+    expected(costs)
+    tracemalloc.start()
+    try:
+        expected(costs)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * costs.nbytes  # and the one that is given
 
 
 def test_instances_are_taken_out_where_there_are_gaps():

@@ -51,6 +51,8 @@ def test_they_come_out_as_they_were(done, order):
             assert repr(experiments.score(number)) == repr(known[number].score)
     for configuration in experiments.configurations:
         own = [one for one in done if one.configuration == configuration and one.score is not None]
+        numbers = experiments.numbers_of(configuration)
+        assert numbers == [one.experiment for one in done if one.configuration == configuration]
         assert experiments.scores_of(configuration) == {one.instance: one.score for one in own}
     assert {one.configuration for one in done} == {*experiments.configurations}
 

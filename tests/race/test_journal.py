@@ -1,6 +1,7 @@
 """Whatever stops a race, and wherever: resumed, it comes to the same end, and nothing that finished is run again."""
 
 import fcntl
+import gc
 import itertools
 import json
 import os
@@ -29,7 +30,7 @@ from mercator_design.race.session.events import (
     SpeculativeDone,
     event_of,
 )
-from mercator_design.race.session.journal import Journal, is_locked, read
+from mercator_design.race.session.journal import Journal, Reading, is_locked, read
 from mercator_design.race.session.outcome import ExperimentFailed
 from mercator_design.race.session.record import Record
 from tests.processes import started
@@ -134,6 +135,29 @@ class TestResume:
             assert one.notes == [n for n in one.notes if "line 51: expected" in n and "cut off" in n]
             assert len(one.notes) == 1
         assert resumed(path)[:2] == EXPECTED
+
+    def test_no_events_are_held_while_it_is_read(self, tmp_path, monkeypatch):
+        """Those of a large race would take most of the memory of what only reads it."""
+        path, n, alive = tmp_path / "journal.jsonl", 100, []
+        with Journal(path, new=True) as new:
+            new.begin({"budget": n})
+            new.note(ConfigurationAdded(configuration=0, parent=None, values={}))
+            for k in range(n):
+                new.note(ExperimentDone(experiment=k, iteration=1, configuration=0, instance=k, seed=k, score=0.5))
+
+        def counted(data):
+            event = event_of(data)
+            if isinstance(event, ExperimentDone) and event.experiment % 20 == 0:
+                alive.append(sum(isinstance(one, ExperimentDone) for one in gc.get_objects()))
+            return event
+
+        monkeypatch.setattr(journal, "event_of", counted)
+        reading, told = read(path), []
+        assert len(reading.record.experiments) == n
+        assert len(alive) == n // 20
+        assert max(alive) - min(alive) < 5
+        Reading(path).read_on(told.append)
+        assert sum(isinstance(one, ExperimentDone) for one in told) == n
 
     def test_a_line_that_is_written_while_it_is_read_is_no_damage(self, tmp_path, complete, monkeypatch):
         path, lines = tmp_path / "journal.jsonl", complete.splitlines(keepends=True)

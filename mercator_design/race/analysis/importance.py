@@ -89,13 +89,10 @@ def explain(
     Raises:
         RaceError: There are too few configurations, or there is no difference between their costs.
     """
-    usable = [k for k, own in enumerate(costs) if own and not any(map(math.isinf, own.values()))]
-    n = min(len(usable), _MAX_CONFIGURATIONS)
-    usable = [usable[k * len(usable) // n] for k in range(n)]
-    if n < MIN_CONFIGURATIONS:
+    usable = learnt_from([k for k, own in enumerate(costs) if own and not any(map(math.isinf, own.values()))])
+    if (n := len(usable)) < MIN_CONFIGURATIONS:
         raise RaceError(f"importance: expected at least {MIN_CONFIGURATIONS} configurations that were raced, found {n}")
     known = table([costs[k] for k in usable])
-    known = known[:, ~np.isnan(known).all(axis=0)]
     means, variance = effects(known)
     noise = variance / (~np.isnan(known)).sum(axis=1)
     between = float(means.var() - noise.mean())
@@ -103,6 +100,12 @@ def explain(
         raise RaceError("importance: expected configurations of different costs, found no difference beyond noise")
     with threadpool_limits(limits=1, user_api="blas"):
         return _explain(space, [configurations[k] for k in usable], means, noise, between, seed)
+
+
+def learnt_from(usable: Sequence[int]) -> list[int]:
+    """Those of the usable configurations that the surrogate learns from."""
+    n = min(len(usable), _MAX_CONFIGURATIONS)
+    return [usable[k * len(usable) // n] for k in range(n)]
 
 
 def _explain(

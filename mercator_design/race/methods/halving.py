@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mercator_design.arrays import Floats
 from mercator_design.errors import RaceError
 from mercator_design.race.elimination.additive_model import expected, table
 from mercator_design.race.elimination.history import RaceHistory
@@ -90,14 +89,9 @@ def by_expectation(history: RaceHistory, numbers: Sequence[int]) -> list[int]:
     accepted = [number for number in numbers if history.costs[number] and not history.is_rejected(number)]
     if not accepted:
         return []
-    means = np.array([_expected([own[number] for number in accepted]) for own in history.tables])
+    means = np.array([expected(table([own[number] for number in accepted])) for own in history.tables])
     order = np.argsort(mid_ranks(means)[0].sum(axis=0) if len(means) > 1 else means[0], kind="stable")
     return [accepted[k] for k in order]
-
-
-def _expected(costs: Sequence[Mapping[int, float]]) -> Floats:
-    known = table(costs)
-    return expected(known[:, ~np.isnan(known).all(axis=0)])
 
 
 def _in_likely_order(known: Mapping[Experiment, float], before: Sequence[int]) -> list[int]:

@@ -105,10 +105,14 @@ class Experiments(Mapping[int, ExperimentDone]):
         """An experiment with its current score."""
         return self._revised.get(number) or self[number]
 
+    def numbers_of(self, configuration: int) -> list[int]:
+        """The numbers of the experiments of a configuration, in order."""
+        return sorted(self._of.get(configuration, ()))
+
     def scores_of(self, configuration: int) -> dict[int, float]:
         """The current scores of a configuration by instance, in the order of its experiments."""
         found = {}
-        for number in sorted(self._of.get(configuration, ())):
+        for number in self.numbers_of(configuration):
             known = self._revised.get(number) or self._objects.get(number)
             instance, score = self._values(number)[2:4] if known is None else (known.instance, known.score)
             if score is not None:

@@ -26,7 +26,7 @@ import fcntl
 import os
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,14 +55,17 @@ class Reading:
     torn: str = ""  # what is wrong with the rest of the file; empty if there is no rest
     last: str = _FIRST  # checksum of the last complete line
 
-    def read_on(self) -> list[Event]:
-        """Read further lines and return their events, without the start of the race.
+    def read_on(self, seen: Callable[[Event], object] | None = None) -> None:
+        """Read further lines.
+
+        Args:
+            seen: Called with each new event but the start of the race, when it is in the record.
 
         Raises:
             OtherVersion: The file has another format.
             RaceError: The file cannot be read, or is corrupt before its end; with the line.
         """
-        path, events, n_ends = self.path, list[Event](), len(self.record.ends)
+        path, n_ends = self.path, len(self.record.ends)
         self.torn = ""
         try:
             if path.exists() and not path.is_file():  # opening a pipe would wait
@@ -82,20 +85,21 @@ class Reading:
                     if self.torn:  # this line is complete and comes after it
                         raise RaceError(f"{path}, {self.torn}; {_advice(self.lines)}")
                     try:
-                        events += _take(self.record, data, self.last)
+                        event = _take(self.record, data, self.last)
                     except OtherVersion as error:
                         raise OtherVersion(f"{path}, line {number}: {error}") from None
                     except RaceError as error:
                         raise RaceError(f"{path}, line {number}: {error}; {_advice(self.lines)}") from None
                     self.length += len(line)
                     self.lines, self.last = number, checksum(line)
+                    if seen is not None and event is not None:
+                        seen(event)
         except OSError as error:
             raise RaceError(f"{path}: cannot be read: {error.strerror or error}") from None
         for place, end in enumerate(self.record.ends[n_ends:], start=n_ends + 1):
             if (found := self.record.digest(place)) != end.digest:
                 expected = f"expected {end.digest}, found {found}"
                 raise RaceError(f"{path}: digest of the first {end.experiments} experiments: {expected}")
-        return events
 
 
 def read(path: Path) -> Reading:
@@ -117,7 +121,7 @@ def _advice(lines: int) -> str:
     return advice
 
 
-def _take(record: Record, data: dict[str, Any], before: str) -> list[Event]:
+def _take(record: Record, data: dict[str, Any], before: str) -> Event | None:
     """Add the event of a line, and return it unless it is the start."""
     after, is_start = data.pop("after", None), data.get("event") == "start"
     if is_start:  # before its "after", which other formats may lack
@@ -129,10 +133,10 @@ def _take(record: Record, data: dict[str, Any], before: str) -> list[Event]:
             "lines are missing, were added, or are out of order"
         )
     if is_start:
-        return []
+        return None
     event = event_of(data)
     record.note(event)
-    return [event]
+    return event
 
 
 class Journal:

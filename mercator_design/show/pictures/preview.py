@@ -141,9 +141,10 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
+    columns, rows = np.meshgrid(x, y)  # once for both lines, as the figure keeps it: 10 MB
     for colour, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
         border = axes.contour(
-            x, y, smooth, levels=[0.5], colors=[colour], linewidths=width, linestyles=style, zorder=3.6
+            columns, rows, smooth, levels=[0.5], colors=[colour], linewidths=width, linestyles=style, zorder=3.6
         )
         border.set_label(f"_{_START_AREA}")
     return True

@@ -1,12 +1,15 @@
 """Importance: the modules or parameters that explain the scores, and the parts that the winner needs."""
 
+from typing import Any
+
 from mercator_design.errors import RaceError
 from mercator_design.fsm.pfsm import Pfsm
 from mercator_design.fsm.text import to_text
 from mercator_design.network.network import Network
 from mercator_design.race.analysis.importance import Importance
 from mercator_design.race.elimination.summary import ALPHA, CONFIDENCE
-from mercator_design.results.analysis.importance import race_importance
+from mercator_design.race.session.task import Task
+from mercator_design.results.analysis.importance import importance_of
 from mercator_design.results.facts import Facts
 from mercator_design.show.charts import Axis, Dot, interval_chart
 from mercator_design.show.report.markup import Html, command, figure, made_by, note, p_text, row_of, section
@@ -21,14 +24,14 @@ def importance(facts: Facts) -> Html:
     """The section on importance, or a note that the race was too small for it."""
     if facts.task is None:
         return Html()
-    explained, taken_apart = _importance(facts), _ablation(facts)
+    explained, taken_apart = _importance(facts, facts.task), _ablation(facts)
     parts = row_of(explained, taken_apart) if taken_apart else Html(f'<div class="narrow">{explained}</div>')
     return section("importance", "What matters", parts)
 
 
-def _importance(facts: Facts) -> Html:
+def _importance(facts: Facts, task: Task[Any]) -> Html:
     try:
-        _, explanation = race_importance(facts.folder)
+        explanation = importance_of(task, facts.record)
     except RaceError as error:
         return note(error.messages[0])
     dots = [_dot(one) for one in explanation.parameters[:_MAX_SHOWN]]

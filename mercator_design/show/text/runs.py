@@ -58,8 +58,8 @@ def run_summary(path: Path) -> str:
     if not record.start:
         return f"{path}: no race has begun here yet"
     task, possible = TASKS[record.start["task"]], possible_scores(path)
-    counted = {(one.configuration, one.instance) for one in record.experiments.values()}
-    n_extra = sum(place not in counted for place in record.speculative)
+    counted = ((one.configuration, one.instance) for one in record.experiments.values())
+    n_extra = len({*record.speculative}.difference(counted))
     failed = sum(one.score is None for one in view.results())
     extended = ", ".join(map(str, record.budgets[:-1]))
     lines = [

@@ -37,9 +37,10 @@ def follow(path: Path, mode: Mode, *, announce: Callable[[str], None], sleep: Sl
         is_announced = False
         while True:
             is_running = is_locked(reading.path)  # first, because a race that ends writes and then unlocks
-            for event in [*events, *reading.read_on()]:
+            reading.read_on(events.append)
+            for event in events:
                 display.note(event)
-            events = []
+            events.clear()
             if is_running:
                 is_announced = False
             elif record.is_complete and len(record.tests) >= display.n_tests:
@@ -52,10 +53,11 @@ def follow(path: Path, mode: Mode, *, announce: Callable[[str], None], sleep: Sl
 
 def _begun(path: Path, announce: Callable[[str], None], sleep: Sleep) -> tuple[Reading, list[Event]]:
     """Wait for the start of a race; returns its journal so far, and the events in it."""
-    reading = Reading(path / JOURNAL)
+    reading, events = Reading(path / JOURNAL), list[Event]()
     is_announced = False
     while True:
-        events = reading.read_on() if reading.path.exists() else []
+        if reading.path.exists():
+            reading.read_on(events.append)
         if reading.record.start:
             return reading, events
         if not is_announced:

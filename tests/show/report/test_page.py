@@ -224,13 +224,18 @@ class TestAlone:
         assert not Page(report_page(facts, run_again(facts), comparison)).all("data-replay")
 
 
+def test_importance_does_not_read_the_journal_again(facts, monkeypatch):
+    monkeypatch.setattr("mercator_design.results.files.Reading", None)
+    assert "share of the variance" in importances.importance(facts)
+
+
 class TestAblation:
     HEAD = "step,change,mean,low,high,difference,difference_low,difference_high,p_value,fsm\n"
 
     @pytest.fixture
     def shown(self, folder, monkeypatch):
         """The section, if a table is there: {} is the text of the winner."""
-        monkeypatch.setattr(importances, "race_importance", lambda _: (None, SimpleNamespace(parameters=())))
+        monkeypatch.setattr(importances, "importance_of", lambda *_: SimpleNamespace(parameters=()))
 
         def show(text):
             facts = Facts.read(folder)

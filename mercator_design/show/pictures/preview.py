@@ -13,12 +13,14 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon as Area
 from matplotlib.ticker import MultipleLocator
 from scipy import ndimage
 
+from mercator_design.arrays import Floats
 from mercator_design.missions.mission import Mission
 from mercator_design.missions.placement import FixedPlacement, Region, covers
 from mercator_design.results.experiments.preview import MissionPreview
@@ -141,13 +143,20 @@ def _draw_start_area(axes: Axes, mission: Mission, placement: Region) -> bool:
     smooth = ndimage.gaussian_filter((covered & (depth > _BESIDE * PIXELS)).astype(float), 1.0)
     if smooth.max() <= 0.5:
         return False
-    columns, rows = np.meshgrid(x, y)  # once for both lines, as the figure keeps it: 10 MB
     for colour, width, style in (("white", 1.8, "solid"), (_START, 1.0, "dashed")):
-        border = axes.contour(
-            columns, rows, smooth, levels=[0.5], colors=[colour], linewidths=width, linestyles=style, zorder=3.6
-        )
-        border.set_label(f"_{_START_AREA}")
+        _draw_border(axes, x, y, smooth, colour, width, style, zorder=3.6).set_label(f"_{_START_AREA}")
     return True
+
+
+def _draw_border(
+    axes: Axes, x: Floats, y: Floats, values: Floats, colour: str, width: float, style: str, *, zorder: float
+) -> ContourSet:
+    """Draw the border of the area where values are above 0.5."""
+    border = axes.contour(
+        x, y, values, levels=[0.5], colors=[colour], linewidths=width, linestyles=style, zorder=zorder
+    )
+    vars(border).pop("_contour_generator", None)  # 15 MB that only labels of the line would need
+    return border
 
 
 def _draw_reach(axes: Axes, preview: MissionPreview) -> list[Artist]:
@@ -162,10 +171,7 @@ def _draw_reach(axes: Axes, preview: MissionPreview) -> list[Artist]:
     x, y = (reach.low[k] + reach.cell * (np.arange(n) + 0.5) for k, n in enumerate((columns, rows)))
     centres = ndimage.gaussian_filter(reach.reached.astype(float), 1.0)
     for colour, width in (("white", 1.4), (_REACH, 0.7)):
-        line = axes.contour(
-            x, y, centres, levels=[0.5], colors=[colour], linewidths=width, linestyles="dotted", zorder=3.5
-        )
-        line.set_label(f"_{_REACH_OF_CENTRES}")
+        _draw_border(axes, x, y, centres, colour, width, "dotted", zorder=3.5).set_label(f"_{_REACH_OF_CENTRES}")
     drawn: list[Artist] = [Line2D([], [], color=_REACH, linewidth=0.7, linestyle="dotted", label=_REACH_OF_CENTRES)]
     away = reach.cell * ndimage.distance_transform_edt(~reach.reached)
     covered = away <= min(preview.instance.robot_model.body.half_size)

@@ -58,8 +58,6 @@ class Record:
     budgets: list[int] = field(default_factory=list)  # in increasing order
     ends: list[RaceEnded] = field(default_factory=list)
     sessions: list[SessionStarted | SessionStopped] = field(default_factory=list)
-    scored: set[int] = field(default_factory=set)
-    """The configurations that have a score."""
     view: RaceView = field(default_factory=RaceView, repr=False, compare=False)
     """The state of the race after the events so far."""
 
@@ -229,8 +227,6 @@ class Record:
             raise RaceError(f"experiment: expected numbers of at most {MAX_NUMBER}, found {number}")
         if event.experiment in self.experiments:
             raise RaceError(f"experiment {event.experiment} is there twice")
-        if event.score is not None:
-            self.scored.add(event.configuration)
 
     def _take_configuration(self, event: ConfigurationAdded) -> None:
         number = event.configuration
@@ -303,8 +299,9 @@ class Record:
             raise RaceError(f"{what}: expected a configuration that is in the journal before, found {configuration}")
 
     def _check_scored(self, what: str, *configurations: int) -> None:
+        known = self.experiments
         for number in configurations:
-            if number not in self.scored:
+            if all(known.score(place) is None for place in known.numbers_of(number)):
                 raise RaceError(f"{what}: expected a configuration that has a score, found {number}")
 
 

@@ -162,14 +162,10 @@ class TestRace:
         assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("journal.jsonl", "of the other")]
 
     def test_a_full_disk_keeps_the_winner(self, mdesign, tmp_path, monkeypatch):
-        write_text = run_folder.write_text
+        def full(path, rows):
+            raise OSError(errno.ENOSPC, "No space left on device")
 
-        def full(path, text):
-            if path.name == "results.csv":
-                raise OSError(errno.ENOSPC, "No space left on device")
-            write_text(path, text)
-
-        monkeypatch.setattr(run_folder, "write_text", full)
+        monkeypatch.setattr(run_folder, "write_csv", full)
         code, out, err = mdesign("race", "aggregation", "--budget", 60, "-o", tmp_path / "r", *QUICK)
         assert code == 1
         assert f"{tmp_path / 'r'}: results.csv, provenance.json cannot be written: No space left on device; " in err

@@ -52,7 +52,8 @@ def status_text(status: StudyStatus, layout: StudyLayout) -> str:
     ]
     groups = status.counts_by_kind
     names = [
-        f"{mission}, {method}{f', budget {budget}' * (len(layout.budgets) > 1)}" for mission, method, budget in groups
+        f"{mission}, {method}{f', budget {budget}' if budget and len(layout.budgets) > 1 else ''}"
+        for mission, method, budget in groups
     ]
     width = max(map(len, names))
     for name, counts in zip(names, groups.values(), strict=True):

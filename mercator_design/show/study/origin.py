@@ -84,7 +84,7 @@ def _minute(time: str) -> str:
 
 def _method(method: StudyMethod, flavour: str) -> str:
     if method.files is not None:
-        return f"{len(method.files)} files by hand, flavour {flavour}"
+        return f"{len(method.files)} file{'s' * (len(method.files) > 1)} by hand, flavour {flavour}"
     options = ", ".join(f"{key}={value}" for key, value in (method.options or {}).items())
     return f"{method.race}, flavour {flavour}, {f'options {options}' if options else 'options by default'}"
 

@@ -133,7 +133,7 @@ class StudyToSubmit(Body):
 
     study: Annotated[str, Field(max_length=200, description="Name of a shipped study.")] = ""
     study_text: Annotated[MissionText | None, Field(description="A study's file (YAML), instead of a name.")] = None
-    study_name: Annotated[str, Field(max_length=100, description="Of the study, if its text has none.")] = ""
+    study_name: Annotated[str, Field(max_length=100, description="The name of the study, if its text has none.")] = ""
     files: Annotated[
         dict[str, MissionText],
         Field(max_length=MAX_FILES, description="Missions and control software that the text names, by their paths."),

@@ -21,7 +21,7 @@ def write_study(folder: Path, table: StudyTable, command: str, unfinished: str =
         folder: The folder of the study; or another one, whose page then has no plan.
         table: Its results.
         command: The command that makes the files, for the page.
-        unfinished: What the page says of a study that is not done; empty if it is.
+        unfinished: The sentence on a study that is not done, for the page; empty if it is done.
 
     Raises:
         MercatorError: The study's plan is damaged, or a file cannot be written.

@@ -47,7 +47,7 @@ def study_page(results: StudyResults, command: str, what_was_run: str = "", unfi
         results: Its results.
         command: The command that makes the page.
         what_was_run: The section on its plan; empty if there is none.
-        unfinished: Of how many designs the results are, if the study is not done; else empty.
+        unfinished: The sentence on a study that is not done; empty if it is done.
     """
     body = "".join(
         [

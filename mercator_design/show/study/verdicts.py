@@ -46,7 +46,7 @@ def around(effect: Effect) -> str:
 
 
 def unfinished_sentence(status: StudyStatus) -> str:
-    """Of how many designs the results are; empty if all of them are assessed."""
+    """The sentence on a study that is not done, with the number of designs that have results; empty if it is done."""
     return "" if status.is_done else f"Unfinished: of {status.counts['done']} of {len(status.cells)} designs."
 
 
